@@ -1,0 +1,69 @@
+# make demo    render a small scene, super-resolve it, look at it (demo/)
+# make test    format, lint and tests: what .ci/run runs
+# make bench   the benchmark table
+# make lint    format and lint alone
+# make types   static types
+# make lock    write the lock files anew (needs pip-tools)
+# make clean   remove what the others made, the environment included
+
+SHELL := /bin/bash
+.DELETE_ON_ERROR:
+.PHONY: demo test bench lint types lock system clean
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+RUN := $(VENV)/.installed
+DEV := $(VENV)/.installed-dev
+
+demo: $(RUN)
+	$(BIN)/depthsr demo -o demo
+
+test: $(DEV) system
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest
+
+bench: $(RUN)
+	$(BIN)/python -m benchmarks
+
+lint: $(DEV)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(DEV)
+	$(BIN)/mypy
+
+# The environment: locked dependencies by hash, then the package itself, in place.
+$(BIN)/python:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed")'
+	$(PYTHON) -m venv $(VENV)
+
+$(RUN): requirements.lock pyproject.toml | $(BIN)/python
+	$(PIP) install --require-hashes -r requirements.lock
+	$(PIP) install --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(DEV): requirements-dev.lock $(RUN)
+	$(PIP) install --require-hashes -r requirements-dev.lock
+	@touch $@
+
+# ffprobe is the second opinion on the files that we write.
+system:
+	@if command -v ffprobe >/dev/null; then :; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+		apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
+			apt-get install -y -qq --no-install-recommends ffmpeg >/dev/null; \
+	else echo "ffprobe is missing (package ffmpeg): the tests that need it are skipped"; fi
+
+lock:
+	for extra in "" "-dev"; do \
+		$(BIN)/pip-compile --quiet --generate-hashes --allow-unsafe --strip-extras --no-header \
+			--no-emit-index-url --no-emit-find-links --all-build-deps \
+			$${extra:+--extra dev} -o requirements$$extra.lock pyproject.toml || exit 1; \
+	done
+
+clean:
+	rm -rf $(VENV) demo build *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

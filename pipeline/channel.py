@@ -1,0 +1,86 @@
+"""A bounded queue between two threads that always comes to an end.
+
+The producer waits while the queue is full (the slow side paces the fast one);
+its exception reaches the consumer; either side can close, after which the other
+never waits again.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+from typing import Generic, TypeVar
+
+Item = TypeVar("Item")
+
+
+class ChannelClosedError(Exception):
+    """The other side of the channel has gone."""
+
+
+class Channel(Generic[Item]):
+    """A queue of at most ``capacity`` items.
+
+    Parameters
+    ----------
+    capacity : int
+        Items that may wait, ≥ 1.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._items: deque[Item] = deque()
+        self._changed = threading.Condition()
+        self._finished = False
+        self._closed = False
+        self._error: BaseException | None = None
+
+    def put(self, item: Item) -> None:
+        """Add an item, waiting for room; raise ChannelClosedError if nobody wants it any more."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or len(self._items) < self._capacity)
+            if self._closed:
+                raise ChannelClosedError
+            self._items.append(item)
+            self._changed.notify_all()
+
+    def finish(self, error: BaseException | None = None) -> None:
+        """Say that no more items come; the error, if any, is raised at the consumer."""
+        with self._changed:
+            self._finished = True
+            self._error = error
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Drop what waits and let nobody wait any more; may be called again."""
+        with self._changed:
+            self._closed = True
+            self._items.clear()
+            self._changed.notify_all()
+
+    def take(self) -> Item:
+        """Return the next item, waiting for it.
+
+        Raises
+        ------
+        ChannelClosedError
+            If there are no more items; the producer's error instead, if it had one.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._finished or self._items)
+            if self._items and not self._closed:
+                item = self._items.popleft()
+                self._changed.notify_all()
+                return item
+            if self._error is not None and not self._closed:
+                raise self._error
+            raise ChannelClosedError
+
+    def __iter__(self) -> Iterator[Item]:
+        """Take items until the producer finishes or somebody closes."""
+        while True:
+            try:
+                yield self.take()
+            except ChannelClosedError:
+                return

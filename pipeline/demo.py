@@ -1,0 +1,311 @@
+"""The demonstration: a scene of our own, super-resolved, with the truth beside it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pipeline import drawing
+from pipeline.baselines import bicubic, nearest
+from pipeline.colour import to_rgb
+from pipeline.config import Settings
+from pipeline.debug_pictures import choose_crops, crops_picture
+from pipeline.errors import SceneError
+from pipeline.events import Event
+from pipeline.frames import MultiViewFrame
+from pipeline.job import Job, OutputOptions
+from pipeline.media.files import check_folder_writable
+from pipeline.media.info import SceneInfo
+from pipeline.metrics import psnr
+from pipeline.results import FrameResult, SuperResolvedImage
+from pipeline.run import Tools, run_job
+from pipeline.stop import StopFlag
+from pipeline.superresolve import superresolve
+from pipeline.synthetic import SampleScene
+
+WIDTH, HEIGHT, NUM_VIEWS = 256, 192, 8
+"""LR pixels; cameras."""
+
+NUM_FRAMES = 24
+
+NOISE_SIGMA = 1.0
+"""Of the cameras, grey levels."""
+
+BORDER = 24
+"""HR pixels left out when measuring."""
+
+MEASURED_EVERY = 8
+"""Frames from one that is measured to the next."""
+
+METHODS = ("bicubic", "single view", "all views")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoSize:
+    """How large the demonstration is; smaller in tests."""
+
+    width: int = WIDTH
+    """LR pixels."""
+    height: int = HEIGHT
+    """LR pixels."""
+    num_views: int = NUM_VIEWS
+    num_frames: int = NUM_FRAMES
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoResult:
+    """What the demonstration shows."""
+
+    size: DemoSize
+    psnr: dict[str, float]
+    """Mean PSNR of the left eye's luma over the measured frames by method, dB."""
+    measured: tuple[int, ...]
+    """Frames measured."""
+    seconds: float
+    """Of everything."""
+    video: Path
+    picture: Path
+
+
+class RenderedSource:
+    """The sample scene as a source of frames, rendered as they are asked for.
+
+    Parameters
+    ----------
+    scene : SampleScene
+        What to render.
+    num_frames : int
+        Frames from 0 on.
+    options : keyword arguments
+        Of :meth:`SampleScene.frame`.
+    """
+
+    def __init__(self, scene: SampleScene, num_frames: int, **options: Any) -> None:
+        self._scene = scene
+        self._options = options
+        left, right = scene.reference_views
+        self.info = SceneInfo(
+            path="sample scene",
+            layout="rendered",
+            view_ids=scene.view_ids,
+            all_view_ids=scene.view_ids,
+            lr_shape=(scene.height, scene.width),
+            frame_indices=range(num_frames),
+            fps=Fraction(scene.fps),
+            left=scene.view_ids[left],
+            right=scene.view_ids[right],
+            bit_depth=8,
+            is_color=bool(options.get("color")),
+            has_depth=(options.get("depth") is not None,) * scene.num_views,
+            depth_kind="inverse_depth",
+        )
+
+    def read(self, frame_index: int) -> MultiViewFrame:
+        """Render a frame; see :class:`pipeline.media.source.FrameSource`."""
+        if frame_index not in self.info.frame_indices:
+            raise SceneError("no such frame", path=self.info.path, frame=frame_index)
+        return self._scene.frame(frame_index, **self._options)
+
+    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[MultiViewFrame]:
+        """Yield frames ``start`` up to but without ``stop``, in order."""
+        indices = self.info.frame_indices
+        for frame_index in range(
+            indices.start if start is None else start, indices.stop if stop is None else stop
+        ):
+            yield self.read(frame_index)
+
+    def close(self) -> None:
+        """Nothing is kept open."""
+
+    def __enter__(self) -> RenderedSource:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Measured:
+    """One frame with its truth, RGB and 0..255."""
+
+    frame_index: int
+    pictures: dict[str, npt.NDArray[np.uint8]]
+    """By method, and ``low resolution`` and ``truth``."""
+    psnr: dict[str, float]
+
+
+def run_demo(
+    folder: Path,
+    *,
+    size: DemoSize | None = None,
+    threads: int = 0,
+    on_event: Callable[[Event], None] = lambda _: None,
+    on_note: Callable[[str], None] = lambda _: None,
+    stop: StopFlag | None = None,
+    clock: Callable[[], float] = time.perf_counter,
+) -> DemoResult:
+    """Render the sample scene, super-resolve it, and measure what that brings.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the video and the picture go; made if it is not there.
+    size : DemoSize, optional
+        How much of it.
+    threads : int
+        As in :class:`Settings`.
+    on_event : callable
+        Told of the job's events.
+    on_note : callable
+        Told what is being done otherwise.
+    stop : StopFlag, optional
+        Ends it soon when set.
+    clock : callable
+        Seconds.
+    """
+    begin = clock()
+    size = size or DemoSize()
+    stop = stop or StopFlag()
+    check_folder_writable(folder)
+    scene = SampleScene(width=size.width, height=size.height, num_views=size.num_views)
+    settings = Settings(threads=threads)
+    measured: list[_Measured] = []
+
+    def watched(
+        frame: MultiViewFrame, settings: Settings, *, targets: tuple[str, ...], **options: Any
+    ) -> FrameResult:
+        result = superresolve(frame, settings, targets=targets, **options)
+        if frame.frame_index % MEASURED_EVERY == 0:
+            measured.append(_measure(scene, frame, result, settings))
+        return result
+
+    source = RenderedSource(
+        scene, size.num_frames, color=True, depth="stereo", noise_sigma=NOISE_SIGMA,
+        sampling=settings.grid.sampling,
+    )  # fmt: skip
+    video = folder / "side-by-side.mkv"
+    on_note("rendering the first frame")
+    with stop.breakable():
+        source.read(0)
+    run_job(
+        Job(
+            scene=Path(source.info.path),
+            settings=settings,
+            output=OutputOptions(output=video, segment_length=size.num_frames),
+        ),
+        on_event=on_event,
+        stop=stop,
+        tools=Tools(open_scene=lambda *_, **__: source, superresolve=watched),
+    )
+    means = {method: float(np.mean([item.psnr[method] for item in measured])) for method in METHODS}
+    picture = folder / "before-after.png"
+    best = max(measured, key=lambda item: item.psnr["all views"] - item.psnr["bicubic"])
+    drawing.save(picture, demo_picture(best, size))
+    return DemoResult(
+        size=size,
+        psnr=means,
+        measured=tuple(item.frame_index for item in measured),
+        seconds=clock() - begin,
+        video=video,
+        picture=picture,
+    )
+
+
+def demo_picture(measured: _Measured, size: DemoSize) -> drawing.Canvas:
+    """Return crops of the input, bicubic, super-resolution and the truth, with their PSNR."""
+    pictures = measured.pictures
+    columns = {
+        f"input, {size.width}×{size.height}": pictures["low resolution"],
+        f"bicubic, {measured.psnr['bicubic']:.1f} dB": pictures["bicubic"],
+        f"super-resolution, {measured.psnr['all views']:.1f} dB": pictures["all views"],
+        "truth": pictures["truth"],
+    }
+    grey = {
+        name: cv2.cvtColor(pictures[name], cv2.COLOR_RGB2GRAY).astype(np.float32)
+        for name in ("bicubic", "all views")
+    }
+    crops = choose_crops(grey["bicubic"], grey["all views"])
+    note = (
+        f"{size.num_views} noisy views of {size.width}×{size.height} → "
+        f"{pictures['truth'].shape[1]}×{pictures['truth'].shape[0]}; one view alone gives "
+        f"{measured.psnr['single view']:.1f} dB (left eye, frame {measured.frame_index})"
+    )
+    return drawing.framed(
+        drawing.below(
+            [drawing.heading("What the other views bring", note), crops_picture(columns, crops)]
+        )
+    )
+
+
+def format_demo(result: DemoResult) -> str:
+    """Return what the demonstration has shown, as text."""
+    base = result.psnr["bicubic"]
+    lines = [f"PSNR of the left eye's luma, mean of {len(result.measured)} frames:"]
+    names = {
+        "bicubic": "bicubic",
+        "single view": "super-resolution of one view",
+        "all views": f"super-resolution of {result.size.num_views} views",
+    }
+    width = max(map(len, names.values()))
+    for method in METHODS:
+        value = result.psnr[method]
+        gain = "" if method == "bicubic" else f"  ({value - base:+.2f} dB)"
+        lines.append(f"  {names[method]:<{width}}  {value:6.2f} dB{gain}")
+    return "\n".join(lines)
+
+
+def _measure(
+    scene: SampleScene, frame: MultiViewFrame, result: FrameResult, settings: Settings
+) -> _Measured:
+    """Compare the left eye with the truth."""
+    view_id, grid = frame.left, settings.grid
+    view = frame.view(view_id)
+    rgb = scene.render_hr(scene.view_ids.index(view_id), frame.frame_index / scene.fps)
+    truth = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+    single = superresolve(frame, settings, targets=(view_id,), observed_views=(view_id,))
+    images: dict[str, SuperResolvedImage] = {
+        "bicubic": _enlarged(view_id, view.luma, view.chroma, grid, bicubic),
+        "low resolution": _enlarged(view_id, view.luma, view.chroma, grid, nearest),
+        "single view": single.images[view_id],
+        "all views": result.images[view_id],
+    }
+    values = {
+        method: psnr(np.clip(np.rint(images[method].luma), 0, 255), truth, border=_border(truth))
+        for method in METHODS
+    }
+    pictures = {name: to_rgb(image.luma, image.chroma, 8) for name, image in images.items()}
+    return _Measured(
+        frame_index=frame.frame_index, pictures={**pictures, "truth": np.array(rgb)}, psnr=values
+    )
+
+
+def _enlarged(
+    view_id: str,
+    luma: npt.NDArray[np.float32],
+    chroma: npt.NDArray[np.float32] | None,
+    grid: Any,
+    method: Callable[..., npt.NDArray[np.float32]],
+) -> SuperResolvedImage:
+    return SuperResolvedImage(
+        view_id=view_id,
+        luma=method(luma, grid),
+        chroma=None if chroma is None else method(chroma, grid),
+    )
+
+
+def _border(truth: npt.NDArray) -> int:
+    return min(BORDER, min(truth.shape) // 4)

@@ -1,0 +1,70 @@
+"""What the result of a job depends on: how a resumed run knows that it is the same job."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pipeline.job import Job
+from pipeline.report import to_plain, versions
+
+RESULT_SETTINGS_IGNORED = frozenset({"threads"})
+"""Settings that change the time but not the result, so that a resumed run may differ in them."""
+
+
+def make_fingerprint(job: Job, frames: range, targets: tuple[str, ...]) -> dict[str, Any]:
+    """Return what the result of a job depends on, as one flat record."""
+    record: dict[str, Any] = {"depthsr": versions()["depthsr"]}
+    settings = to_plain(job.settings)
+    record |= {key: settings[key] for key in settings if key not in RESULT_SETTINGS_IGNORED}
+    record |= {
+        f"input {key}": value for key, value in to_plain(job.input).items() if key != "frames"
+    }
+    record |= {f"output {key}": value for key, value in to_plain(job.output).items()}
+    record["frames"] = [frames.start, frames.stop]
+    record["targets"] = list(targets)
+    record["scene"] = str(job.scene.resolve())
+    files = scene_files(job)
+    record["number of the scene's files"] = len(files)
+    record["digest of the scene's files"] = _digest(files)
+    return record
+
+
+def scene_files(job: Job) -> list[tuple[str, int, int]]:
+    """Return (path, bytes, time of change in nanoseconds) of the files a scene may consist of.
+
+    The file itself; for a manifest or a folder all files below it but hidden ones and
+    those that the job itself writes.
+    """
+    scene = job.scene
+    root = scene if scene.is_dir() else scene.parent
+    if scene.is_file() and scene.suffix != ".json":
+        status = scene.stat()
+        return [(scene.name, status.st_size, status.st_mtime_ns)]
+    output = job.output
+    own = {
+        path.resolve()
+        for path in (output.output, output.report, output.frames_dir, output.debug_dir)
+        if path is not None
+    }
+    found = []
+    for folder, folders, names in os.walk(root):
+        here = Path(folder)
+        folders[:] = sorted(
+            name
+            for name in folders
+            if not name.startswith(".") and (here / name).resolve() not in own
+        )
+        for name in sorted(names):
+            path = here / name
+            if not name.startswith(".") and path.resolve() not in own and path.is_file():
+                status = path.stat()
+                found.append((str(path.relative_to(root)), status.st_size, status.st_mtime_ns))
+    return found
+
+
+def _digest(files: Sequence[tuple[str, int, int]]) -> str:
+    return hashlib.sha256(repr(files).encode()).hexdigest()[:16]

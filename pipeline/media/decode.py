@@ -1,0 +1,409 @@
+"""Video files, decoded frame by frame with PyAV: the only reader that knows codecs.
+
+Frames are numbered in presentation order from 0. All packets are listed once when a file is
+opened (nothing is decoded for that), so the number of frames is known, a file that was cut
+short is noticed, and any frame can be reached from the key frame before it.
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import av.error
+import av.video.frame
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.colour import Picture, picture_from_rgb
+from pipeline.errors import SceneError
+from pipeline.media.yuv import (
+    Matrix,
+    PlanarFormat,
+    Range,
+    default_matrix,
+    parse_pixel_format,
+    picture_from_planes,
+    stored_values,
+)
+
+_MATRICES = {
+    1: Matrix.BT709,
+    4: Matrix.BT601,
+    5: Matrix.BT601,
+    6: Matrix.BT601,
+    9: Matrix.BT2020,
+    10: Matrix.BT2020,
+}
+"""ISO/IEC 23091-2 matrix coefficients to ours; others are taken for the default."""
+
+_STEREO_MODES = {
+    "left_right": ("sbs", False),
+    "right_left": ("sbs", True),
+    "top_bottom": ("tab", False),
+    "bottom_top": ("tab", True),
+}
+"""Matroska's names to (layout, right eye first)."""
+
+_STEREO_TYPES = {1: "sbs", 2: "tab"}
+"""FFmpeg's AVStereo3D types to ours."""
+
+_SEEK_TRIES = 4
+"""How many key frames further back are tried where seeking overshoots."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StereoTag:
+    """How two views share the picture, as far as the file says."""
+
+    arrangement: str
+    """``sbs`` or ``tab``; whether halves are squeezed is not said."""
+    right_first: bool
+    """True where the left or upper half is the right eye's."""
+    origin: str
+    """Where it was found, for messages."""
+
+
+class VideoReader:
+    """The first video stream of a file, at random access.
+
+    Sequential reading decodes each frame once. May be used from several threads; reads
+    exclude each other.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, no video, or cut short.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock = threading.RLock()
+        self._container = self._open()
+        self._frames: Iterator[av.VideoFrame] | None = None
+        self._next = 0
+        self._pending: av.VideoFrame | None = None
+        self._last: tuple[int, Picture] | None = None
+        self.keeps_last = False
+        """Whether the last picture is kept, for readers that each take a part of it."""
+        try:
+            self._prepare()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> av.container.InputContainer:
+        try:
+            container = av.open(str(self.path))
+        except FileNotFoundError as error:
+            raise SceneError("the file is missing", path=self.path) from error
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            raise SceneError(
+                f"cannot be opened as a video, or is cut short: {_said(error)}", path=self.path
+            ) from error
+        if not container.streams.video:
+            container.close()
+            raise SceneError("no video stream in this file", path=self.path)
+        return container
+
+    def _prepare(self) -> None:
+        self._stream = self._container.streams.video[0]
+        self._list_packets()
+        self._restart()
+        first = self._decode_next(0)
+        stream = self._stream  # a stream must not be touched once its container is closed
+        self.width, self.height = int(first.width), int(first.height)
+        components = first.format.components
+        bits = max(component.bits for component in components)
+        self.bit_depth = 8 if bits <= 8 else 10 if bits <= 10 else 16
+        self.is_color = bool(first.format.is_rgb or len(components) >= 3)
+        rate = stream.average_rate or stream.guessed_rate or stream.base_rate
+        self.fps = Fraction(rate.numerator, rate.denominator) if rate else None
+        aspect = stream.sample_aspect_ratio
+        self.pixel_aspect = Fraction(aspect.numerator, aspect.denominator) if aspect else None
+        self.stereo = _stereo_tag(stream, first)
+        self._pending, self._next = first, 0
+
+    def _list_packets(self) -> None:
+        stream = self._stream
+        times: list[int] = []
+        keys: list[int] = []
+        timed = True
+        end = packets = 0
+        damaged = None
+        try:
+            for packet in self._container.demux(stream):
+                if packet.size == 0:
+                    continue
+                packets += 1
+                if packet.is_corrupt and damaged is None:
+                    damaged = len(times)
+                if packet.is_discard or _is_hidden(stream, packet):
+                    continue
+                if packet.pts is None:
+                    timed = False
+                    times.append(len(times))
+                    continue
+                times.append(packet.pts)
+                end = max(end, packet.pts + (packet.duration or 0))
+                if packet.is_keyframe:
+                    keys.append(packet.pts)
+        except av.error.FFmpegError as error:
+            raise SceneError(
+                f"cut short or damaged after {len(times)} frames: {_said(error)}", path=self.path
+            ) from error
+        if not times:
+            raise SceneError("no frames in this video; is it cut short?", path=self.path)
+        if damaged is not None:
+            raise SceneError("cut short or damaged", path=self.path, frame=damaged)
+        if packets < stream.frames:
+            raise SceneError(
+                f"cut short: it says {stream.frames} frames and holds {packets}", path=self.path
+            )
+        if not stream.frames and timed:
+            self._check_duration(times, end)
+        self._timed = timed and len(set(times)) == len(times)
+        self._times = sorted(times) if self._timed else times
+        self._keys = sorted(keys)
+        self.num_frames = len(times)
+
+    def _check_duration(self, times: list[int], end: int) -> None:
+        """Complain where the last frame ends well before the file says that it does."""
+        stated = _stated_duration(self._stream)
+        base = self._stream.time_base
+        if stated is None or base is None or end <= 0:
+            return
+        ends = float(end * base)  # from time 0, where the stated duration counts from
+        frame = float((end - min(times)) * base) / len(times)
+        if end == max(times):  # the last frame does not tell how long it lasts
+            ends += frame
+        if ends < stated - 0.75 * frame:
+            raise SceneError(
+                f"cut short: it says {stated:.2f} s and holds {ends:.2f} s", path=self.path
+            )
+
+    def _seek(self, index: int) -> None:
+        """Make the decoder stand at or before frame ``index``."""
+        stream = self._stream
+        back = 0
+        while self._timed and index > 0 and self._keys:
+            at = bisect_right(self._keys, self._times[index]) - 1 - back
+            if at < 0 or back >= _SEEK_TRIES:
+                break
+            self._container.seek(self._keys[at], stream=stream, backward=True)
+            self._frames = self._container.decode(stream)
+            try:
+                frame = next(self._frames)
+            except (StopIteration, av.error.FFmpegError):
+                break
+            position = self._position(frame)
+            if position is not None and position <= index:
+                self._pending, self._next = frame, position
+                return
+            back += 1
+        self._restart()
+
+    def _restart(self) -> None:
+        """Make the decoder stand at frame 0, with nothing of its past."""
+        self._pending = None
+        self._container.close()
+        self._container = self._open()
+        self._stream = self._container.streams.video[0]
+        self._stream.thread_type = "AUTO"
+        self._frames = self._container.decode(self._stream)
+        self._next = 0
+
+    def _position(self, frame: av.VideoFrame) -> int | None:
+        """Return the number of a decoded frame by its time; None: it has no place."""
+        if frame.pts is None:
+            return None
+        at = bisect_left(self._times, frame.pts)
+        return at if at < len(self._times) and self._times[at] == frame.pts else None
+
+    def _decode_next(self, index: int) -> av.VideoFrame:
+        """Return frame ``index``, decoding on from where the decoder stands."""
+        assert self._frames is not None
+        while True:
+            frame, self._pending = self._pending, None
+            if frame is None:
+                try:
+                    frame = next(self._frames)
+                except StopIteration:
+                    raise SceneError(
+                        "the video ends early; is it cut short?", path=self.path, frame=index
+                    ) from None
+                except av.error.FFmpegError as error:
+                    raise SceneError(
+                        f"cannot be decoded: {_said(error)}", path=self.path, frame=index
+                    ) from error
+            position = self._position(frame) if self._timed else self._next
+            if position is None:
+                continue
+            self._next = position + 1
+            if position < index:
+                continue
+            if position > index or frame.is_corrupt:
+                raise SceneError("cannot be decoded", path=self.path, frame=index)
+            return frame
+
+    def _frame(self, index: int) -> av.VideoFrame:
+        if not 0 <= index < self.num_frames:
+            raise SceneError(
+                f"no such frame; the file holds {self.num_frames}", path=self.path, frame=index
+            )
+        if index < self._next or self._keyframe_between(index):
+            self._seek(index)
+        frame = self._decode_next(index)
+        if (frame.width, frame.height) != (self.width, self.height):
+            raise SceneError(
+                f"changes its size to {frame.width}×{frame.height}", path=self.path, frame=index
+            )
+        return frame
+
+    def _keyframe_between(self, index: int) -> bool:
+        """Tell whether a key frame lies ahead that spares decoding up to it."""
+        if not self._timed or index <= self._next:
+            return False
+        at = bisect_right(self._keys, self._times[index]) - 1
+        return at >= 0 and self._keys[at] > self._times[self._next]
+
+    def picture(self, index: int) -> Picture:
+        """Return frame ``index`` (0-based, presentation order) as luma and chroma.
+
+        The matrix and range the file is tagged with are honoured; without a tag they are
+        taken as for raw video (BT.709 from 720 lines up, limited; grey is full).
+        """
+        with self._lock:
+            if self._last is not None and self._last[0] == index:
+                return self._last[1]
+            self._last = None
+            picture = _picture(self._frame(index))
+            if self.keeps_last:
+                self._last = (index, picture)
+            return picture
+
+    def samples(self, index: int) -> npt.NDArray:
+        """Return the first plane of frame ``index`` as stored numbers: (H, W), for depth.
+
+        Limited range is stretched to full only where the file is tagged with it.
+        """
+        with self._lock:
+            return _samples(self._frame(index), self.path)
+
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        with self._lock:
+            self._frames = None
+            self._last = None
+            self._container.close()
+
+
+def _said(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
+
+
+def _is_hidden(stream: av.VideoStream, packet: av.Packet) -> bool:
+    """Tell whether a packet is a VP8 frame that is never shown (RFC 6386, §9.1)."""
+    return stream.codec_context.name == "vp8" and not bytes(packet)[0] & 0x10
+
+
+def _stated_duration(stream: av.VideoStream) -> float | None:
+    """Return the duration in seconds that the file states for its video, if it does."""
+    text = stream.metadata.get("DURATION") or stream.metadata.get("duration")
+    if text:
+        try:
+            hours, minutes, seconds = text.split(":")
+            return int(hours) * 3600 + int(minutes) * 60 + float(seconds)
+        except ValueError:
+            return None
+    if stream.duration and stream.time_base:
+        return float(stream.duration * stream.time_base)
+    container = stream.container
+    if isinstance(container, av.container.InputContainer) and len(container.streams) == 1:
+        return container.duration / av.time_base if container.duration else None
+    return None
+
+
+def _stereo_tag(stream: av.VideoStream, first: av.VideoFrame) -> StereoTag | None:
+    mode = stream.metadata.get("stereo_mode")
+    if mode in _STEREO_MODES:
+        arrangement, right_first = _STEREO_MODES[mode]
+        return StereoTag(arrangement=arrangement, right_first=right_first, origin="container tag")
+    for data in first.side_data:
+        if data.type.name == "STEREO3D":  # type: ignore[attr-defined]  # typed as a mapping
+            kind, flags = struct.unpack_from("<ii", bytes(data))  # type: ignore[arg-type]
+            if kind in _STEREO_TYPES:
+                return StereoTag(
+                    arrangement=_STEREO_TYPES[kind],
+                    right_first=bool(flags & 1),
+                    origin="frame-packing message",
+                )
+    return None
+
+
+def _planar(frame: av.VideoFrame) -> tuple[av.VideoFrame, PlanarFormat | None]:
+    """Return the frame with planes we can read, and their format; None: RGB."""
+    name = frame.format.name
+    if frame.format.is_rgb or name == "pal8":
+        return frame, None
+    try:
+        return frame, parse_pixel_format(name)
+    except ValueError:
+        pass
+    components = frame.format.components
+    bits = max(component.bits for component in components)
+    suffix = "" if bits <= 8 else "10le" if bits <= 10 else "12le" if bits <= 12 else "16le"
+    if len(components) < 3:
+        target = f"gray{suffix}"
+    else:
+        ratio = (frame.width // components[1].width, frame.height // components[1].height)
+        sub = {(1, 1): "444", (2, 1): "422"}.get(ratio, "420")
+        target = f"yuv{sub}p{suffix}"
+    return frame.reformat(format=target), parse_pixel_format(target)
+
+
+def _planes(frame: av.VideoFrame, layout: PlanarFormat) -> tuple[npt.NDArray, ...]:
+    planes = []
+    shapes = layout.plane_shapes(frame.width, frame.height)
+    for plane, (rows, columns) in zip(frame.planes, shapes, strict=False):
+        samples = np.frombuffer(memoryview(plane), layout.dtype)
+        step = plane.line_size // layout.dtype.itemsize
+        samples = samples[: rows * step].reshape(rows, step)[:, :columns]
+        planes.append(samples.astype(layout.dtype.newbyteorder("="), copy=False))
+    return tuple(planes)
+
+
+def _range_of(frame: av.VideoFrame, layout: PlanarFormat, untold: Range) -> Range:
+    tagged = int(frame.color_range or 0)
+    if tagged == 2 or frame.format.name.startswith("yuvj") or not layout.has_chroma:
+        return Range.LIMITED if tagged == 1 else Range.FULL
+    return Range.LIMITED if tagged == 1 else untold
+
+
+def _picture(frame: av.VideoFrame) -> Picture:
+    planar, layout = _planar(frame)
+    if layout is None:
+        deep = max(component.bits for component in frame.format.components) > 8
+        rgb = frame.to_ndarray(format="rgb48le" if deep else "rgb24")
+        return picture_from_rgb(rgb, 65535.0 if deep else 255.0)
+    matrix = _MATRICES.get(int(frame.colorspace)) or default_matrix(frame.height)
+    value_range = _range_of(frame, layout, Range.LIMITED)
+    return picture_from_planes(_planes(planar, layout), layout, matrix, value_range)
+
+
+def _samples(frame: av.VideoFrame, path: Path) -> npt.NDArray:
+    planar, layout = _planar(frame)
+    if layout is None:
+        deep = max(component.bits for component in frame.format.components) > 8
+        rgb = frame.to_ndarray(format="rgb48le" if deep else "rgb24")
+        if not ((rgb[..., 0] == rgb[..., 1]) & (rgb[..., 0] == rgb[..., 2])).all():
+            raise SceneError("a depth map in colour; one channel is needed", path=path)
+        return np.ascontiguousarray(rgb[..., 0])
+    value_range = _range_of(frame, layout, Range.FULL)
+    return stored_values(_planes(planar, layout)[0], layout.bits, value_range).copy()

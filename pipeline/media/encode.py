@@ -1,0 +1,464 @@
+"""Video out: segments that depend on nothing but their frames, joined without re-encoding.
+
+Beside ``decode`` the only module that knows PyAV. A job is cut into segments;
+each is encoded by a fresh encoder into a small Matroska file, and the packets
+of all are copied into the container asked for. Encoders run with fixed thread
+counts and muxers write no dates, ids or versions of the moment, so that a job
+ends with the same bytes however often it was interrupted and wherever its
+segments were made.
+
+The stereo layout is signalled in every way players read: H.264 frame-packing
+SEI (3-D televisions), Matroska and WebM StereoMode, MP4 ``st3d`` box, shape of
+the samples (half layouts). For the file name see ``video_format.suggested_name``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.errors import OutputError
+from pipeline.media.files import atomic_path, output_error
+from pipeline.media.matroska import show_eyes_at_full_size
+from pipeline.media.video_format import Container, VideoCodec, VideoFormat
+from pipeline.media.ycbcr import YcbcrMatrix, matrix_for, to_yuv420
+from pipeline.stereo import Picture, StereoLayout, pack, pad_to_multiple
+
+Eyes = tuple[Picture, Picture] | tuple[Picture]
+"""(left, right), or the one picture of layouts ``left``, ``right`` and ``views``;
+(H, W, 3) RGB or (H, W) grey, uint8 or uint16, full range."""
+
+KEYFRAME_INTERVAL = 32
+"""Frames from one keyframe to the next at most, for seeking; segments start with one anyway."""
+
+ENCODER_THREADS = 4
+"""Fixed, whatever the machine: the bytes of H.264 and VP9 depend on it."""
+
+MIN_SLICED_SIZE = 32
+"""Height and width from which FFV1 pictures are cut into slices, samples."""
+
+REORDER_DELAY = {VideoCodec.H264: 1}
+"""Frames by which decoding runs ahead of showing: B-frames that nothing refers to."""
+
+_FIRST_FRAME_TAG = "DEPTHSR_FIRST_FRAME"
+
+_ENCODERS: dict[VideoCodec, tuple[str, dict[str, str]]] = {
+    VideoCodec.H264: ("libx264", {"preset": "veryfast", "bf": "3"}),
+    VideoCodec.VP9: (
+        "libvpx-vp9",
+        {"deadline": "good", "cpu-used": "5", "tile-columns": "2", "row-mt": "0"},
+    ),
+    VideoCodec.AV1: ("libsvtav1", {"preset": "8"}),
+    VideoCodec.FFV1: ("ffv1", {"level": "3", "slicecrc": "1", "g": "1"}),
+}
+"""Encoder and its settings, by codec."""
+
+_LOSSLESS_PIXELS = {
+    (8, False): "bgr0",
+    (8, True): "gray",
+    (16, False): "gbrp16le",
+    (16, True): "gray16le",
+}
+"""Pixel format by (bits, is grey)."""
+
+_MUXERS: dict[Container, tuple[str, dict[str, str]]] = {
+    Container.MKV: ("matroska", {}),
+    Container.WEBM: ("webm", {}),
+    # The stereo box counts as unofficial; without faststart a browser fetches the end first.
+    Container.MP4: ("mp4", {"movflags": "+faststart", "strict": "unofficial"}),
+}
+
+_BITEXACT = {"fflags": "+bitexact"}
+"""Makes muxers leave out random ids and version strings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentInfo:
+    """What a finished segment holds."""
+
+    first_frame: int
+    """Source frame number of its first frame."""
+    num_frames: int
+
+
+def write_segment(
+    path: Path, video_format: VideoFormat, frames: Iterable[Eyes], *, first_frame: int
+) -> int:
+    """Encode frames into a file of their own, whole or not at all; return how many there were.
+
+    Parameters
+    ----------
+    path : Path
+        A Matroska file, whatever container the job ends in.
+    video_format : VideoFormat
+    frames : iterable of tuples of ndarray
+        ``(left, right)``, or one picture for ``left``, ``right`` and ``views``;
+        (H, W, 3) RGB or (H, W) grey, uint8 or uint16, all alike. What it
+        raises passes unchanged.
+    first_frame : int
+        Source frame number of the first of them; :func:`join_segments` checks the order by it.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written, there is no frame, or frames differ in
+        size or type.
+    """
+    with atomic_path(path) as temporary, contextlib.closing(
+        _SegmentEncoder(path, temporary, video_format, first_frame)
+    ) as encoder:  # fmt: skip
+        for eyes in frames:
+            encoder.add(eyes)
+        return encoder.finish()
+
+
+def segment_info(path: Path) -> SegmentInfo:
+    """Return what a segment holds, by reading it through.
+
+    Raises
+    ------
+    OutputError
+        If it is missing or damaged.
+    """
+    with _open_segment(path) as container:
+        numbers = [number for number, _ in _packets(path, container, None)]
+        return SegmentInfo(first_frame=_first_frame(path, container), num_frames=len(numbers))
+
+
+def join_segments(segments: Sequence[Path], out: Path, video_format: VideoFormat) -> int:
+    """Copy the packets of segments into one video; return its number of frames.
+
+    Nothing is encoded again. The video starts at time 0; frame n is shown at
+    n / fps exactly in MP4, to the nearest millisecond in Matroska and WebM.
+
+    Parameters
+    ----------
+    segments : sequence of Path
+        Written with the same ``video_format``, in order, one beginning where
+        the one before ends.
+    out : Path
+        Written whole or not at all; an existing file is replaced.
+    video_format : VideoFormat
+
+    Raises
+    ------
+    OutputError
+        If a segment is missing, damaged, out of order or of another kind, or
+        the video cannot be written.
+    """
+    if not segments:
+        raise OutputError(f"{out}: there are no segments to join")
+    muxer, options = _MUXERS[video_format.container]
+    with atomic_path(out) as temporary:
+        with contextlib.ExitStack() as stack:
+            first = stack.enter_context(_open_segment(segments[0]))
+            with _libav_errors(out):
+                output = stack.enter_context(_closing(
+                    out, av.open(str(temporary), "w", format=muxer, options=_BITEXACT | options)
+                ))  # fmt: skip
+                stream = output.add_stream_from_template(first.streams.video[0], opaque=True)
+                stream.time_base = 1 / video_format.fps
+                stream.codec_context.framerate = video_format.fps
+                stream.codec_context.sample_aspect_ratio = _sample_aspect(video_format.layout)
+            joiner = _Joiner(out, output, stream, video_format)
+            for path in segments:
+                joiner.append(path)
+        if video_format.layout.half and video_format.container is not Container.MP4:
+            show_eyes_at_full_size(temporary)
+        return joiner.num_frames
+
+
+@dataclass(kw_only=True)
+class _Pixels:
+    """How pictures go into frames of the encoder."""
+
+    name: str
+    """FFmpeg's name of the pixel format."""
+    coded_bits: int
+    matrix: YcbcrMatrix | None
+    """None where samples go in as they are."""
+
+    def frame(self, picture: Picture) -> av.VideoFrame:
+        """Return the picture as a frame of the encoder's pixel format."""
+        if self.matrix is not None:
+            planes = to_yuv420(picture, self.matrix, coded_bits=self.coded_bits)
+            height, width = planes[0].shape
+            stacked = np.concatenate([plane.ravel() for plane in planes])
+            return av.VideoFrame.from_ndarray(
+                stacked.reshape(height * 3 // 2, width), format=self.name
+            )
+        if self.name == "bgr0":
+            # Same samples in another order; nothing is computed.
+            return av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format="bgr0")
+        return av.VideoFrame.from_ndarray(picture, format=self.name)
+
+
+class _SegmentEncoder:
+    """One encoder and the file it fills; opened by the first picture, which sets the size."""
+
+    def __init__(
+        self, path: Path, temporary: Path, video_format: VideoFormat, first_frame: int
+    ) -> None:
+        self._path = path
+        self._temporary = temporary
+        self._format = video_format
+        self._first_frame = first_frame
+        self._container: Any = None
+        self._stream: Any = None
+        self._pixels: _Pixels | None = None
+        self._like: tuple[tuple[int, ...], np.dtype] | None = None
+        self._num_frames = 0
+
+    def add(self, eyes: Eyes) -> None:
+        picture = np.ascontiguousarray(_picture(eyes, self._format))
+        like = (picture.shape, picture.dtype)
+        if self._like is None:
+            self._like = like
+            with _libav_errors(self._path, self._format.codec):
+                self._open(picture)
+        elif like != self._like:
+            raise OutputError(
+                f"{self._path}: frame {self._first_frame + self._num_frames} is "
+                f"{_describe(*like)}, the frames before are {_describe(*self._like)}"
+            )
+        assert self._pixels is not None
+        with _libav_errors(self._path, f"{self._format.codec}, {_describe(*like)}"):
+            frame = self._pixels.frame(picture)
+            frame.pts = self._num_frames
+            frame.time_base = 1 / self._format.fps
+            self._container.mux(self._stream.encode(frame))
+        self._num_frames += 1
+
+    def finish(self) -> int:
+        """Flush the encoder and close the file; return the number of frames in it."""
+        if self._container is None:
+            raise OutputError(f"{self._path}: there are no frames to write")
+        with _libav_errors(self._path):
+            self._container.mux(self._stream.encode(None))
+            container, self._container = self._container, None
+            container.close()
+        return self._num_frames
+
+    def close(self) -> None:
+        """Let go of the file, also after an error; its content no longer matters."""
+        if self._container is not None:
+            container, self._container = self._container, None
+            with contextlib.suppress(av.error.FFmpegError):
+                container.close()
+
+    def _open(self, picture: Picture) -> None:
+        codec, fmt = self._format.codec, self._format
+        encoder, options = _ENCODERS[codec]
+        if codec is VideoCodec.AV1:
+            # The encoder talks on the error stream otherwise; it reads only this variable.
+            os.environ.setdefault("SVT_LOG", "0")
+        options = options | _quality_options(fmt, picture) | _layout_options(fmt)
+        self._pixels = pixels = _pixels_for(picture, fmt)
+        self._container = av.open(
+            str(self._temporary), "w", format="matroska", options=dict(_BITEXACT)
+        )
+        self._container.metadata[_FIRST_FRAME_TAG] = str(self._first_frame)
+        self._stream = self._container.add_stream(encoder, rate=fmt.fps, options=options)
+        if fmt.layout.packed:
+            mode = "left_right" if fmt.layout.side_by_side else "top_bottom"
+            self._stream.metadata["stereo_mode"] = mode
+        context = self._stream.codec_context
+        context.height, context.width = picture.shape[:2]
+        context.pix_fmt = pixels.name
+        context.time_base = 1 / fmt.fps
+        context.thread_count = ENCODER_THREADS
+        context.thread_type = "AUTO"
+        context.sample_aspect_ratio = _sample_aspect(fmt.layout)
+        _tag_colours(context, pixels)
+
+
+class _Joiner:
+    """Appends segments to a container and keeps count of the time."""
+
+    def __init__(self, out: Path, output: Any, stream: Any, video_format: VideoFormat) -> None:
+        self._out = out
+        self._output = output
+        self._stream = stream
+        self._format = video_format
+        self._delay = REORDER_DELAY.get(video_format.codec, 0)
+        self._kind: tuple | None = None
+        self._next_frame: int | None = None
+        self.num_frames = 0
+
+    def append(self, path: Path) -> None:
+        with _open_segment(path) as container:
+            self._check(path, container)
+            offset = self.num_frames
+            for number, packet in _packets(path, container, self._format.fps):
+                packet.stream = self._stream
+                packet.time_base = 1 / self._format.fps
+                packet.pts = offset + number
+                packet.dts = self.num_frames - self._delay
+                packet.duration = 1
+                with _libav_errors(self._out):
+                    self._output.mux(packet)
+                self.num_frames += 1
+        assert self._next_frame is not None
+        self._next_frame += self.num_frames - offset
+
+    def _check(self, path: Path, container: Any) -> None:
+        stream = container.streams.video[0]
+        context = stream.codec_context
+        kind = (context.name, context.width, context.height, context.pix_fmt, context.extradata)
+        if self._kind is not None and kind != self._kind:
+            raise OutputError(f"{path}: this segment is of another kind than those before it")
+        self._kind = kind
+        first_frame = _first_frame(path, container)
+        if self._next_frame is not None and first_frame != self._next_frame:
+            raise OutputError(
+                f"{path}: starts with frame {first_frame}, "
+                f"but the segment before it ends with frame {self._next_frame - 1}"
+            )
+        self._next_frame = first_frame
+
+
+def _picture(eyes: Eyes, video_format: VideoFormat) -> Picture:
+    """Return what is encoded for one frame, padded where 4:2:0 video needs even sizes."""
+    multiple = 1 if video_format.lossless else 2
+    layout = video_format.layout
+    if len(eyes) == 2:
+        return pack(*eyes, layout, multiple=multiple)
+    if layout.packed or layout is StereoLayout.ANAGLYPH:
+        raise OutputError(f"layout {layout.value!r} takes two eyes, there is only one")
+    return pad_to_multiple(eyes[0], multiple, multiple)
+
+
+def _pixels_for(picture: Picture, video_format: VideoFormat) -> _Pixels:
+    source_bits = 8 * picture.dtype.itemsize
+    coded_bits = video_format.coded_bits(source_bits)
+    if video_format.lossless:
+        name = _LOSSLESS_PIXELS[source_bits, picture.ndim == 2]
+        return _Pixels(name=name, coded_bits=coded_bits, matrix=None)
+    name = "yuv420p" if coded_bits == 8 else "yuv420p10le"
+    return _Pixels(name=name, coded_bits=coded_bits, matrix=matrix_for(picture.shape[0]))
+
+
+def _quality_options(video_format: VideoFormat, picture: Picture) -> dict[str, str]:
+    if video_format.lossless:
+        # Slices are coded in parallel; a line of single samples cannot be cut.
+        return {"slices": "4" if min(picture.shape[:2]) >= MIN_SLICED_SIZE else "1"}
+    return {"g": str(KEYFRAME_INTERVAL), "crf": str(video_format.quality)}
+
+
+def _layout_options(video_format: VideoFormat) -> dict[str, str]:
+    """Return the options that put the frame-packing SEI into H.264 (ITU-T H.264 D.1.26)."""
+    if video_format.codec is not VideoCodec.H264:
+        return {}
+    parameters = ["b-pyramid=none"]
+    if video_format.layout.packed:
+        parameters.append(f"frame-packing={3 if video_format.layout.side_by_side else 4}")
+    return {"x264-params": ":".join(parameters)}
+
+
+def _sample_aspect(layout: StereoLayout) -> Fraction:
+    """Return width over height of a sample: squeezed eyes have wide (high) samples."""
+    if not layout.half:
+        return Fraction(1)
+    return Fraction(2) if layout.side_by_side else Fraction(1, 2)
+
+
+def _tag_colours(context: Any, pixels: _Pixels) -> None:
+    """Say what the samples mean, in the code points of ITU-T H.273.
+
+    Primaries and transfer are those of BT.709 at every size: the pictures that
+    come in are sRGB-like, and only the matrix is a choice of ours.
+    """
+    limited, full, rgb, bt709, unspecified, smpte170m = 1, 2, 0, 1, 2, 6
+    context.color_primaries = bt709
+    context.color_trc = bt709
+    if pixels.matrix is None:
+        context.color_range = full
+        context.colorspace = unspecified if pixels.name.startswith("gray") else rgb
+    else:
+        context.color_range = limited
+        context.colorspace = bt709 if pixels.matrix is YcbcrMatrix.BT709 else smpte170m
+
+
+def _open_segment(path: Path) -> Any:
+    try:
+        container = av.open(str(path), format="matroska")
+    except av.error.FFmpegError as error:
+        raise _damaged(path) from error
+    if not container.streams.video:
+        container.close()
+        raise _damaged(path)
+    return container
+
+
+def _packets(path: Path, container: Any, fps: Fraction | None) -> Iterator[tuple[int, Any]]:
+    """Yield every packet, in decoding order, with the number of the frame it holds.
+
+    Matroska keeps no decoding times, and showing times to the millisecond; the
+    frame number is what those come from. Without ``fps`` the packets are only counted.
+    """
+    seen: set[int] = set()
+    count = 0
+    try:
+        for packet in container.demux(container.streams.video[0]):
+            if not packet.size:
+                continue
+            number = count if fps is None else round(packet.pts * packet.time_base * fps)
+            seen.add(number)
+            count += 1
+            yield number, packet
+    except av.error.FFmpegError as error:
+        raise _damaged(path) from error
+    if not count or seen != set(range(count)):
+        raise _damaged(path)
+
+
+def _first_frame(path: Path, container: Any) -> int:
+    try:
+        return int(container.metadata[_FIRST_FRAME_TAG])
+    except (KeyError, ValueError) as error:
+        raise _damaged(path) from error
+
+
+def _damaged(path: Path) -> OutputError:
+    return OutputError(f"{path}: this segment is missing or damaged; remove it and make it again")
+
+
+def _describe(shape: tuple[int, ...], dtype: npt.DTypeLike) -> str:
+    return f"{shape[1]}×{shape[0]} {'RGB' if len(shape) == 3 else 'grey'} {np.dtype(dtype)}"
+
+
+@contextlib.contextmanager
+def _closing(path: Path, container: Any) -> Iterator[Any]:
+    """Close the container at the end; after an error, without minding another one."""
+    try:
+        yield container
+    except BaseException:
+        with contextlib.suppress(av.error.FFmpegError):
+            container.close()
+        raise
+    with _libav_errors(path):
+        container.close()
+
+
+@contextlib.contextmanager
+def _libav_errors(path: Path, what: str = "") -> Iterator[None]:
+    """Turn what PyAV raises while writing ``what`` to ``path`` into our own error."""
+    try:
+        yield
+    except av.error.FFmpegError as error:
+        number = abs(error.errno or 0)
+        if number == errno.EINVAL:
+            said = "the encoder does not take such pictures"
+        else:
+            said = os.strerror(number) if 0 < number < 1000 else str(error)
+        raise output_error(path, OSError(number, f"{said} ({what})" if what else said)) from error

@@ -1,0 +1,213 @@
+"""Super-resolved frames as files: video segments, lossless PNG, and the joined video."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+from pipeline.channel import Channel, ChannelClosedError
+from pipeline.colour import to_grey, to_rgb
+from pipeline.job import Segment
+from pipeline.media.encode import Eyes, join_segments, write_segment
+from pipeline.media.files import check_writable, remove_leftovers
+from pipeline.media.png import png_path, write_png
+from pipeline.media.video_format import VideoCodec, VideoFormat, view_path
+from pipeline.results import FrameResult, SuperResolvedImage
+from pipeline.sink import OutputPlan
+from pipeline.stereo import Picture, StereoLayout
+
+Pictures = dict[str, Picture]
+"""The pictures of one frame by view id."""
+
+
+class MediaSink:
+    """Writes what the plan asks for: see :class:`pipeline.sink.Sink`.
+
+    Parameters
+    ----------
+    plan : OutputPlan
+        What to write and where.
+    clock : callable
+        Seconds, for the account of the stages.
+
+    Raises
+    ------
+    ConfigurationError
+        If the video file cannot hold what is asked for, or a view id cannot be a file name.
+    """
+
+    def __init__(self, plan: OutputPlan, clock: Callable[[], float] = time.perf_counter) -> None:
+        self.plan = plan
+        self._clock = clock
+        options = plan.options
+        self._layout = StereoLayout(options.layout)
+        self._format = None
+        if options.output is not None:
+            self._format = VideoFormat.for_path(
+                options.output,
+                layout=self._layout,
+                fps=plan.fps,
+                codec=None if options.codec is None else VideoCodec(options.codec),
+                crf=options.quality,
+            )
+        if options.frames_dir is not None:
+            for name in plan.picture_names.values():
+                png_path(options.frames_dir, name, 0)  # can it be a file name?
+
+    def prepare(self) -> None:
+        """Find out whether everything can be written, and clear away what killed runs left."""
+        for path in self._outputs().values():
+            check_writable(path)
+            remove_leftovers(path)
+        folder = self.plan.options.frames_dir
+        if folder is not None:
+            for name in self.plan.picture_names.values():
+                for leftover in folder.glob(f".{_literal(name)}-[0-9]*.png.*.tmp"):
+                    leftover.unlink(missing_ok=True)
+
+    def write_segment(
+        self, segment: Segment, stem: Path, results: Iterable[FrameResult]
+    ) -> dict[str, float]:
+        """Write the frames of a segment; return the seconds by stage."""
+        timings = {"pack": 0.0, "png": 0.0, "encode": 0.0}
+        pictures = self._pictures(results, timings)
+        if self._format is None:
+            for _ in pictures:
+                pass
+        elif self._layout is StereoLayout.VIEWS:
+            self._write_views(segment, stem, pictures)
+        else:
+            self._write_video(_with_suffix(stem), segment, map(self._eyes, pictures))
+        return timings
+
+    def files_of(self, segment: Segment, stem: Path) -> Sequence[Path]:
+        """Return the files that :meth:`write_segment` leaves."""
+        files = [] if self._format is None else list(self._segment_files(stem).values())
+        folder = self.plan.options.frames_dir
+        if folder is not None:
+            files += [
+                png_path(folder, name, frame_index)
+                for frame_index in range(segment.start, segment.stop)
+                for name in self.plan.picture_names.values()
+            ]
+        return files
+
+    def join(self, stems: Sequence[Path]) -> Sequence[Path]:
+        """Put the segments together; return all files and folders written."""
+        written = []
+        for view_id, output in self._outputs().items():
+            assert self._format is not None
+            segments = [self._segment_files(stem)[view_id] for stem in stems]
+            join_segments(segments, output, self._format)
+            written.append(output)
+        if self.plan.options.frames_dir is not None:
+            written.append(self.plan.options.frames_dir)
+        return written
+
+    def _outputs(self) -> dict[str, Path]:
+        """Return the final video files by view id; one file of all views has the id ''."""
+        output = self.plan.options.output
+        if output is None:
+            return {}
+        if self._layout is StereoLayout.VIEWS:
+            return {view_id: view_path(output, view_id) for view_id in self.plan.targets}
+        return {"": output}
+
+    def _segment_files(self, stem: Path) -> dict[str, Path]:
+        """Return a segment's video files by view id, as :meth:`_outputs`."""
+        if self._layout is StereoLayout.VIEWS:
+            return {
+                view_id: view_path(_with_suffix(stem), view_id) for view_id in self.plan.targets
+            }
+        return {"": _with_suffix(stem)}
+
+    def _pictures(
+        self, results: Iterable[FrameResult], timings: dict[str, float]
+    ) -> Iterator[Pictures]:
+        """Yield the frames as integers, writing PNG on the way and keeping the time."""
+        folder = self.plan.options.frames_dir
+        for result in results:
+            begin = self._clock()
+            pictures = {
+                view_id: self._picture(result.images[view_id]) for view_id in self.plan.targets
+            }
+            packed = self._clock()
+            if folder is not None:
+                for view_id, name in self.plan.picture_names.items():
+                    write_png(png_path(folder, name, result.frame_index), pictures[view_id])
+            written = self._clock()
+            yield pictures
+            timings["pack"] += packed - begin
+            timings["png"] += written - packed
+            timings["encode"] += self._clock() - written
+
+    def _picture(self, image: SuperResolvedImage) -> Picture:
+        if image.chroma is None:
+            return to_grey(image.luma, self.plan.bit_depth)
+        return to_rgb(image.luma, image.chroma, self.plan.bit_depth)
+
+    def _eyes(self, pictures: Pictures) -> Eyes:
+        if len(self.plan.targets) == 1:
+            return (pictures[self.plan.targets[0]],)
+        return pictures[self.plan.left], pictures[self.plan.right]
+
+    def _write_video(self, path: Path, segment: Segment, frames: Iterable[Eyes]) -> None:
+        assert self._format is not None
+        write_segment(path, self._format, frames, first_frame=segment.start)
+
+    def _write_views(self, segment: Segment, stem: Path, frames: Iterable[Pictures]) -> None:
+        """Write one file a view, all at once: every view has a thread and waits for no other."""
+        failures: list[BaseException] = []
+        channels: dict[str, Channel[Picture]] = {
+            view_id: Channel(1) for view_id in self.plan.targets
+        }
+
+        def write(view_id: str, path: Path) -> None:
+            channel = channels[view_id]
+
+            def eyes() -> Iterator[Eyes]:
+                for _ in range(len(segment)):
+                    yield (channel.take(),)
+
+            try:
+                self._write_video(path, segment, eyes())
+            except ChannelClosedError:
+                pass
+            except BaseException as error:  # raised again by the caller's thread
+                failures.append(error)
+            finally:
+                channel.close()
+
+        threads = [
+            threading.Thread(target=write, args=item, name=f"depthsr-write-{item[0]}")
+            for item in self._segment_files(stem).items()
+        ]
+        for thread in threads:
+            thread.start()
+        complete = False
+        try:
+            for pictures in frames:
+                for view_id, channel in channels.items():
+                    channel.put(pictures[view_id])
+            complete = True
+        except ChannelClosedError:
+            if not failures:
+                raise
+        finally:
+            for channel in channels.values():
+                channel.finish() if complete else channel.close()
+            for thread in threads:
+                thread.join()
+        if failures:
+            raise failures[0]
+
+
+def _with_suffix(stem: Path) -> Path:
+    return stem.with_name(f"{stem.name}.mkv")
+
+
+def _literal(name: str) -> str:
+    """Return the name as a pattern of ``glob`` that means itself."""
+    return "".join(f"[{mark}]" if mark in "[]*?" else mark for mark in name)

@@ -1,0 +1,344 @@
+"""A scene on disk as a source of frames."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from types import TracebackType
+
+import numpy as np
+
+from pipeline.colour import CHROMA_CENTRE, Picture
+from pipeline.errors import ConfigurationError, SceneError
+from pipeline.frames import DepthMap, MultiViewFrame, View
+from pipeline.media.depth_estimation import estimate_missing_depth
+from pipeline.media.depth_maps import camera_nearness, nearness_from_stored, resampled
+from pipeline.media.info import SceneInfo
+from pipeline.media.readers import OpenVideos, PictureReader, open_reader
+from pipeline.media.scene import (
+    DepthKind,
+    ImageFiles,
+    PackedEye,
+    SceneDescription,
+    ViewDescription,
+)
+
+UNTOLD_FPS = Fraction(25)
+"""Rate of a scene of several frames that does not tell its own, frames a second."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OpenView:
+    description: ViewDescription
+    color: PictureReader
+    depth: PictureReader | None
+
+
+class SceneSource:
+    """A scene on disk: all files are seen to exist when it is opened, pictures are read as asked.
+
+    Parameters
+    ----------
+    description : SceneDescription
+        What lies where.
+    left, right : str or None
+        Ids of the references in place of the scene's.
+    views : sequence of str or None
+        Ids of the views to read; None: all. The references need not be among them.
+
+    Raises
+    ------
+    SceneError
+        If files are missing, views have unequal numbers of frames, or unequal sizes.
+    ConfigurationError
+        If ``left``, ``right`` or ``views`` name views that are not there, or the pair stands
+        the wrong way round.
+    """
+
+    def __init__(
+        self,
+        description: SceneDescription,
+        *,
+        left: str | None = None,
+        right: str | None = None,
+        views: Sequence[str] | None = None,
+    ) -> None:
+        description = _with_pair(description, left, right)
+        chosen = _chosen(description, views)
+        self._description = description
+        self._lock = threading.Lock()
+        self._videos = OpenVideos()
+        try:
+            self._views = tuple(self._open_view(view) for view in chosen)
+            count = self._frame_count()
+            self.info = self._describe(count)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open_view(self, view: ViewDescription) -> _OpenView:
+        readers: list[PictureReader | None] = []
+        for locator in (view.color, view.depth):
+            if locator is None:
+                readers.append(None)
+                continue
+            try:
+                readers.append(
+                    open_reader(
+                        self._description.root,
+                        locator,
+                        first_frame=self._description.first_frame,
+                        frame_count=self._description.frame_count,
+                        videos=self._videos,
+                    )
+                )
+            except SceneError as error:
+                raise SceneError(
+                    str(error), view=view.view_id, frame=self._description.first_frame
+                ) from error
+        color, depth = readers
+        assert color is not None
+        return _OpenView(description=view, color=color, depth=depth)
+
+    def _frame_count(self) -> int:
+        first = self._description.first_frame
+        readers = [
+            (view.description.view_id, reader)
+            for view in self._views
+            for reader in (view.color, view.depth)
+            if reader is not None
+        ]
+        wanted = self._description.frame_count
+        longest = max(reader.num_frames for _, reader in readers)
+        for view_id, reader in readers:
+            have = reader.num_frames
+            if have >= (wanted if wanted is not None else longest):
+                continue
+            said = (
+                f"frame_count is {wanted}"
+                if wanted is not None
+                else f"others of the scene go on to frame {first + longest - 1}"
+            )
+            frame = first + have
+            raise SceneError(f"{reader.missing(frame)}; {said}", view=view_id, frame=frame)
+        return wanted if wanted is not None else longest
+
+    def _describe(self, count: int) -> SceneInfo:
+        description = self._description
+        notes = list(description.notes)
+        forms = [view.color.form for view in self._views]
+        for view, form in zip(self._views, forms, strict=True):
+            if (form.width, form.height) != (forms[0].width, forms[0].height):
+                raise SceneError(
+                    f"{form.width}×{form.height} pixels, but view "
+                    f"{self._views[0].description.view_id!r} has {forms[0].width}×"
+                    f"{forms[0].height}; all views must be of one size",
+                    path=_path_text(view.description.color, description.first_frame),
+                    view=view.description.view_id,
+                    frame=description.first_frame,
+                )
+        has_depth = tuple(view.depth is not None for view in self._views)
+        calibrated = [view.description.calibration is not None for view in self._views]
+        if any(calibrated) and not all(calibrated):
+            missing = [
+                view.description.view_id
+                for view, has in zip(self._views, calibrated, strict=True)
+                if not has
+            ]
+            notes.append(f"no calibration in: {', '.join(missing)}; the others' is not used")
+        lacking = [
+            view.description.view_id
+            for view, has in zip(self._views, has_depth, strict=True)
+            if not has
+        ]
+        if lacking and len(self._views) > 1:
+            notes.append(f"no depth in: {', '.join(lacking)}; it is estimated from the neighbours")
+        if len({form.is_color for form in forms}) > 1:
+            notes.append("some views are grey and some in colour; grey ones get neutral colour")
+        given = description.depth if any(has_depth) else None
+        packed = self._views[0].description.color
+        layout = packed.layout if isinstance(packed, PackedEye) else None
+        assert description.left is not None
+        assert description.right is not None
+        return SceneInfo(
+            path=str(description.source or description.root),
+            layout=description.layout,
+            view_ids=tuple(view.description.view_id for view in self._views),
+            all_view_ids=description.view_ids,
+            lr_shape=(forms[0].height, forms[0].width),
+            frame_indices=range(description.first_frame, description.first_frame + count),
+            fps=self._rate(count, notes),
+            left=description.left,
+            right=description.right,
+            bit_depth=max(form.bit_depth for form in forms),
+            is_color=any(form.is_color for form in forms),
+            has_depth=has_depth,
+            depth_kind=given.kind.value if given is not None else None,
+            depth_is_metric=all(calibrated)
+            and (given is None or given.kind is not DepthKind.DISPARITY),
+            has_calibration=all(calibrated),
+            pixel_aspect=layout.pixel_aspect if layout is not None else Fraction(1),
+            input_layout=layout.value if layout is not None else None,
+            warnings=tuple(notes),
+        )
+
+    def _rate(self, count: int, notes: list[str]) -> Fraction:
+        if self._description.fps is not None:
+            return self._description.fps
+        told = [view.color.fps for view in self._views if view.color.fps]
+        if told:
+            if len(set(told)) > 1:
+                notes.append(f"videos differ in frame rate; {told[0]} a second is used")
+            return told[0]
+        if count == 1:
+            return Fraction(1)
+        notes.append(f"fps is not said; {UNTOLD_FPS} frames a second are assumed")
+        return UNTOLD_FPS
+
+    def read(self, frame_index: int) -> MultiViewFrame:
+        """Return all views at one instant; see :class:`pipeline.media.source.FrameSource`."""
+        info = self.info
+        if frame_index not in info.frame_indices:
+            indices = info.frame_indices
+            raise SceneError(
+                f"no such frame; there are {indices.start} to {indices.stop - 1}",
+                path=info.path,
+                frame=frame_index,
+            )
+        with self._lock:
+            views = [self._read_view(view, frame_index) for view in self._views]
+        views = estimate_missing_depth(views, depth_is_metric=info.depth_is_metric)
+        return MultiViewFrame(
+            frame_index=frame_index,
+            views=tuple(views),
+            left=info.left,
+            right=info.right,
+            bit_depth=info.bit_depth,
+            depth_is_metric=info.depth_is_metric,
+        )
+
+    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[MultiViewFrame]:
+        """Yield frames ``start`` up to but without ``stop`` (source frame numbers), in order."""
+        indices = self.info.frame_indices
+        for frame_index in range(
+            indices.start if start is None else start, indices.stop if stop is None else stop
+        ):
+            yield self.read(frame_index)
+
+    def _read_view(self, view: _OpenView, frame_index: int) -> View:
+        view_id = view.description.view_id
+        try:
+            picture = view.color.picture(frame_index)
+            if picture.luma.shape != self.info.lr_shape:
+                height, width = self.info.lr_shape
+                raise SceneError(
+                    f"{picture.luma.shape[1]}×{picture.luma.shape[0]} pixels, but the scene has "
+                    f"{width}×{height}",
+                    path=_path_text(view.description.color, frame_index),
+                )
+            picture = self._with_colour(picture, view, frame_index)
+            depth_map = self._read_depth(view, frame_index)
+        except SceneError as error:
+            raise SceneError(str(error), view=view_id, frame=frame_index) from error
+        return View(
+            view_id=view_id,
+            luma=picture.luma,
+            chroma=picture.chroma,
+            depth_map=depth_map,
+            calibration=view.description.calibration,
+        )
+
+    def _with_colour(self, picture: Picture, view: _OpenView, frame_index: int) -> Picture:
+        if (picture.chroma is not None) == self.info.is_color:
+            return picture
+        if picture.chroma is not None:
+            raise SceneError(
+                "in colour, but the scene began in grey",
+                path=_path_text(view.description.color, frame_index),
+            )
+        neutral = np.full((*picture.luma.shape, 2), CHROMA_CENTRE, np.float32)
+        return replace(picture, chroma=neutral)
+
+    def _read_depth(self, view: _OpenView, frame_index: int) -> DepthMap | None:
+        """Return the nearness map on the colour grid; None where nothing is known."""
+        encoding = self._description.depth
+        if view.depth is None or encoding is None:
+            return None
+        stored = view.depth.samples(frame_index)
+        nearness = resampled(nearness_from_stored(stored, encoding), self.info.lr_shape)
+        calibration = view.description.calibration
+        if encoding.is_world_z and calibration is not None:
+            nearness = camera_nearness(nearness, calibration)
+        return nearness if np.isfinite(nearness).any() else None
+
+    def close(self) -> None:
+        """Let go of all files; may be called twice."""
+        for view in getattr(self, "_views", ()):
+            for reader in (view.color, view.depth):
+                if reader is not None:
+                    reader.close()
+        self._videos.close()
+
+    def __enter__(self) -> SceneSource:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _path_text(locator: object, frame_index: int) -> str:
+    if isinstance(locator, ImageFiles):
+        return locator.path_of(frame_index)
+    return str(getattr(locator, "path", locator))
+
+
+def _with_pair(
+    description: SceneDescription, left: str | None, right: str | None
+) -> SceneDescription:
+    """Return the description with the references asked for."""
+    ids = description.view_ids
+    for option, view_id in (("--left", left), ("--right", right)):
+        if view_id is not None and view_id not in ids:
+            raise ConfigurationError(f"{option}: no view {view_id!r}; there are {', '.join(ids)}")
+    if left is None and right is None:
+        return description
+    assert description.left is not None
+    assert description.right is not None
+    chosen_left = left if left is not None else description.left
+    chosen_right = right if right is not None else description.right
+    if ids.index(chosen_left) >= ids.index(chosen_right):
+        if right is None and ids.index(chosen_left) + 1 < len(ids):
+            chosen_right = ids[ids.index(chosen_left) + 1]
+        elif left is None and ids.index(chosen_right) > 0:
+            chosen_left = ids[ids.index(chosen_right) - 1]
+        else:
+            option = "--left" if left is not None else "--right"
+            raise ConfigurationError(
+                f"{option}: left {chosen_left!r} must stand left of right {chosen_right!r}; "
+                f"left to right the views are {', '.join(ids)}"
+            )
+    return replace(description, left=chosen_left, right=chosen_right)
+
+
+def _chosen(
+    description: SceneDescription, views: Sequence[str] | None
+) -> tuple[ViewDescription, ...]:
+    if views is None:
+        return description.views
+    if not views:
+        raise ConfigurationError("--views: name one view or more")
+    for view_id in views:
+        if view_id not in description.view_ids:
+            raise ConfigurationError(
+                f"--views: no view {view_id!r}; there are {', '.join(description.view_ids)}"
+            )
+        if list(views).count(view_id) > 1:
+            raise ConfigurationError(f"--views: {view_id!r} occurs twice")
+    return tuple(view for view in description.views if view.view_id in set(views))

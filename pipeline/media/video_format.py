@@ -1,0 +1,177 @@
+"""What kind of video file is written: container, codec, layout, rate and quality."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from fractions import Fraction
+from pathlib import Path
+
+from pipeline.errors import ConfigurationError
+from pipeline.stereo import StereoLayout
+
+
+class Container(StrEnum):
+    """The kinds of file, by their suffix."""
+
+    MP4 = "mp4"
+    MKV = "mkv"
+    WEBM = "webm"
+
+
+class VideoCodec(StrEnum):
+    """How pictures are compressed."""
+
+    H264 = "h264"
+    """Plays nearly everywhere; carries the stereo layout in the stream itself."""
+
+    VP9 = "vp9"
+    """Free of licences; plays in browsers. 8 bits here, whatever the source has."""
+
+    AV1 = "av1"
+    """Free of licences, smallest files, young players."""
+
+    FFV1 = "ffv1"
+    """Lossless: every sample comes back, 8 and 16 bits, grey and RGB, any size."""
+
+
+CODECS = {
+    Container.MP4: (VideoCodec.H264, VideoCodec.AV1, VideoCodec.VP9),
+    Container.MKV: (VideoCodec.H264, VideoCodec.AV1, VideoCodec.VP9, VideoCodec.FFV1),
+    Container.WEBM: (VideoCodec.VP9, VideoCodec.AV1),
+}
+"""What each container can hold; the first is its default."""
+
+DEFAULT_CRF = {VideoCodec.H264: 16, VideoCodec.VP9: 18, VideoCodec.AV1: 18}
+"""Constant rate factor that looks like the source; lower is better and larger."""
+
+HIGHEST_CRF = {VideoCodec.H264: 51, VideoCodec.VP9: 63, VideoCodec.AV1: 63}
+
+HIGHEST_FPS = 500
+"""Frames a second; Matroska's clock ticks in milliseconds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoFormat:
+    """The kind of video file a job writes, the same for all its segments.
+
+    Raises
+    ------
+    ConfigurationError
+        If the container cannot hold the codec (both are named), or a number is
+        out of range.
+    """
+
+    container: Container
+    codec: VideoCodec
+    layout: StereoLayout
+    fps: Fraction
+    """Frames a second, above 0, up to 500."""
+    crf: int | None = None
+    """Constant rate factor, 1..51 (h264) or 1..63 (vp9, av1); None: the default. Not for ffv1."""
+
+    def __post_init__(self) -> None:
+        if self.codec not in CODECS[self.container]:
+            can = ", ".join(CODECS[self.container])
+            raise ConfigurationError(
+                f"a .{self.container} file cannot hold {self.codec} video: choose {can}, "
+                f"or another kind of file"
+            )
+        if not 0 < self.fps <= HIGHEST_FPS:
+            raise ConfigurationError(
+                f"frame rate must be above 0, up to {HIGHEST_FPS} a second, not {self.fps}"
+            )
+        if self.crf is not None:
+            highest = HIGHEST_CRF.get(self.codec)
+            if highest is None:
+                raise ConfigurationError(f"crf: {self.codec} is lossless and takes no quality")
+            if not 1 <= self.crf <= highest:
+                raise ConfigurationError(
+                    f"crf: must be 1 to {highest} for {self.codec}, not {self.crf}"
+                )
+
+    @classmethod
+    def for_path(
+        cls,
+        path: Path,
+        *,
+        layout: StereoLayout,
+        fps: Fraction,
+        codec: VideoCodec | None = None,
+        crf: int | None = None,
+    ) -> VideoFormat:
+        """Return the format that a file name asks for.
+
+        Raises
+        ------
+        ConfigurationError
+            If the suffix is none of ``.mp4``, ``.mkv`` and ``.webm``; and as the class.
+
+        Examples
+        --------
+        >>> VideoFormat.for_path(
+        ...     Path("out.webm"), layout=StereoLayout.SBS, fps=Fraction(24)
+        ... ).codec.value
+        'vp9'
+        """
+        suffix = path.suffix.lower().removeprefix(".")
+        if suffix not in list(Container):
+            known = ", ".join(f".{container}" for container in Container)
+            raise ConfigurationError(
+                f"{path}: {'.' + suffix if suffix else 'no suffix'}: "
+                f"the name of a video must end in one of {known}"
+            )
+        container = Container(suffix)
+        codec = codec or CODECS[container][0]
+        return cls(container=container, codec=codec, layout=layout, fps=fps, crf=crf)
+
+    @property
+    def lossless(self) -> bool:
+        """Whether every sample comes back."""
+        return self.codec is VideoCodec.FFV1
+
+    @property
+    def quality(self) -> int | None:
+        """The constant rate factor in use; None where lossless."""
+        return self.crf if self.crf is not None else DEFAULT_CRF.get(self.codec)
+
+    def coded_bits(self, source_bits: int) -> int:
+        """Return the bits a sample that the file keeps of a source of 8 or 16 bits."""
+        if source_bits == 8 or self.codec is VideoCodec.VP9:
+            return 8
+        return 16 if self.lossless else 10
+
+
+_NAME_TOKENS = {
+    StereoLayout.SBS: "_3D_SBS_LR",
+    StereoLayout.HALF_SBS: "_3D_HSBS_LR",
+    StereoLayout.TAB: "_3D_TAB",
+    StereoLayout.HALF_TAB: "_3D_HTAB",
+    StereoLayout.ANAGLYPH: "_anaglyph",
+    StereoLayout.LEFT: "_left",
+    StereoLayout.RIGHT: "_right",
+    StereoLayout.VIEWS: "",
+}
+"""Marks that Kodi, Jellyfin and the players of headsets read in file names."""
+
+
+def suggested_name(stem: str, layout: StereoLayout, container: Container = Container.MKV) -> str:
+    """Return a file name by which players know the layout, for users who give a folder.
+
+    Examples
+    --------
+    >>> suggested_name("clip", StereoLayout.SBS)
+    'clip_3D_SBS_LR.mkv'
+    """
+    return f"{stem}{_NAME_TOKENS[layout]}.{container}"
+
+
+def view_path(path: Path, view_id: str) -> Path:
+    """Return where one view goes when every view gets a file of its own.
+
+    Examples
+    --------
+    >>> view_path(Path("out/clip.mkv"), "cam3").as_posix()
+    'out/clip.cam3.mkv'
+    """
+    return path.with_name(f"{path.stem}.{view_id}{path.suffix}")

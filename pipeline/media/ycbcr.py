@@ -1,0 +1,99 @@
+"""RGB and grey pictures as limited-range Y'CbCr 4:2:0 planes.
+
+Done here, at the matrix that the file will name, and not left to a converter's
+default, so that what a player shows is what was meant. Pure arithmetic: knows
+no files, no codecs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.stereo import Picture
+
+HD_LINES = 720
+"""Pictures of this height or more use BT.709; players that read no tags guess by it too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LumaWeights:
+    """How much red and blue count for luma; green is what is left to 1."""
+
+    red: float
+    blue: float
+
+
+class YcbcrMatrix(Enum):
+    """The Y'CbCr matrices in use."""
+
+    BT601 = LumaWeights(red=0.299, blue=0.114)
+    """ITU-R BT.601 (SMPTE 170M), for standard definition."""
+
+    BT709 = LumaWeights(red=0.2126, blue=0.0722)
+    """ITU-R BT.709, for high definition."""
+
+
+def matrix_for(height: int) -> YcbcrMatrix:
+    """Return the matrix that goes with a picture of this many lines."""
+    return YcbcrMatrix.BT709 if height >= HD_LINES else YcbcrMatrix.BT601
+
+
+def to_yuv420(
+    picture: Picture, matrix: YcbcrMatrix, *, coded_bits: int
+) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
+    """Return the limited-range planes of a picture.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (H, W, 3) RGB or (H, W) grey, uint8 or uint16
+        Full range of its type; H and W even.
+    matrix : YcbcrMatrix
+    coded_bits : int
+        8 or 10; 10 only from uint16 pictures.
+
+    Returns
+    -------
+    luma : ndarray of shape (H, W), uint8 (8 bits) or uint16 (10 bits)
+    blue_difference, red_difference : ndarray of shape (H/2, W/2), the same type
+        Chroma sites are the usual ones of 4:2:0 video: on even columns, midway
+        between rows. A grey picture's are neutral, in the middle of the range.
+
+    Notes
+    -----
+    ITU-R BT.709-6 §3.5: with samples 0..1, Y = (219·E'y + 16)·2ⁿ⁻⁸ and
+    C = (224·E'c + 128)·2ⁿ⁻⁸, rounded once at full resolution and once after
+    the chroma filter (1 2 1 across, 1 1 down).
+    """
+    full, scale = np.iinfo(picture.dtype).max, 2.0 ** (coded_bits - 8)
+    coded_type = np.uint8 if coded_bits == 8 else np.uint16
+    if picture.ndim == 2:
+        levels = np.arange(full + 1) * (219 * scale / full) + 16 * scale
+        luma = np.rint(levels).astype(coded_type)[picture]
+        neutral = np.full((luma.shape[0] // 2, luma.shape[1] // 2), 128 * scale, coded_type)
+        return luma, neutral, neutral
+    to_ycbcr = _ycbcr_matrix(matrix.value) * (scale / full)
+    offset = np.array([[16.0], [128.0], [128.0]]) * scale
+    ycbcr = cv2.transform(picture, np.hstack([to_ycbcr, offset]).astype(np.float32))
+    luma, *chroma = cv2.split(ycbcr.astype(coded_type, copy=False))
+    blue_difference, red_difference = (_subsample(plane) for plane in chroma)
+    return luma, blue_difference, red_difference
+
+
+def _ycbcr_matrix(weights: LumaWeights) -> npt.NDArray[np.float64]:
+    """Return the (3, 3) matrix from RGB 0..1 to Y 0..219 and Cb, Cr −112..112."""
+    luma = np.array([weights.red, 1 - weights.red - weights.blue, weights.blue])
+    blue_difference = (np.array([0.0, 0.0, 1.0]) - luma) / (2 * (1 - weights.blue))
+    red_difference = (np.array([1.0, 0.0, 0.0]) - luma) / (2 * (1 - weights.red))
+    return np.stack([219 * luma, 224 * blue_difference, 224 * red_difference])
+
+
+def _subsample(plane: npt.NDArray) -> npt.NDArray:
+    """Return a chroma plane at half its height and width."""
+    kernel = np.array([[1, 2, 1], [1, 2, 1]], np.float32) / 8
+    mixed = cv2.filter2D(plane, -1, kernel, anchor=(1, 0), borderType=cv2.BORDER_REPLICATE)
+    return np.ascontiguousarray(mixed[::2, ::2])

@@ -1,0 +1,285 @@
+"""Planar YUV: raw files, and the way from its planes to luma and chroma.
+
+The matrix and the range of a picture are honoured (ITU-R BT.601, BT.709, BT.2020, non-constant
+luminance); the result is what the pipeline holds, BT.601 full-range luma and chroma, reached
+with one matrix and without rounding in between.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.colour import CHROMA_CENTRE, RGB_TO_YCC, Picture
+from pipeline.errors import SceneError
+
+HD_LINES = 720
+"""From this height up an untold matrix is taken for BT.709, below for BT.601, pixels."""
+
+
+class Matrix(StrEnum):
+    """Which RGB a YUV picture is made of."""
+
+    BT601 = "bt601"
+    BT709 = "bt709"
+    BT2020 = "bt2020"
+
+    @property
+    def red_blue_weights(self) -> tuple[float, float]:
+        """K_R and K_B of the standard, dimensionless."""
+        return {
+            Matrix.BT601: (0.299, 0.114),
+            Matrix.BT709: (0.2126, 0.0722),
+            Matrix.BT2020: (0.2627, 0.0593),
+        }[self]
+
+
+class Range(StrEnum):
+    """Which stored values are black and white."""
+
+    LIMITED = "limited"
+    """16 to 235 for luma and 16 to 240 for chroma, at 8 bits."""
+
+    FULL = "full"
+    """All values."""
+
+
+def default_matrix(height: int) -> Matrix:
+    """Return the matrix of a picture that does not tell its own."""
+    return Matrix.BT709 if height >= HD_LINES else Matrix.BT601
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarFormat:
+    """How the samples of a planar picture lie."""
+
+    chroma_shift_x: int
+    """log2 of luma columns over chroma columns."""
+    chroma_shift_y: int
+    """log2 of luma rows over chroma rows."""
+    has_chroma: bool
+    bits: int
+    """Bits of a sample that carry the value (the low ones), 8 to 16."""
+    dtype: np.dtype
+    """Of a stored sample, byte order included."""
+
+    def plane_shapes(self, width: int, height: int) -> tuple[tuple[int, int], ...]:
+        """Return (rows, columns) of each plane, luma first."""
+        if not self.has_chroma:
+            return ((height, width),)
+        chroma = (-(-height >> self.chroma_shift_y), -(-width >> self.chroma_shift_x))
+        return ((height, width), chroma, chroma)
+
+    def frame_bytes(self, width: int, height: int) -> int:
+        """Return the bytes of one frame without padding."""
+        samples = sum(rows * columns for rows, columns in self.plane_shapes(width, height))
+        return samples * self.dtype.itemsize
+
+
+_FORMAT = re.compile(
+    r"(gray|yuvj?(?P<sub>420|422|444)p)(?:(?P<bits>9|10|12|14|16)(?P<order>le|be))?"
+)
+
+
+def parse_pixel_format(name: object) -> PlanarFormat:
+    """Return the format of FFmpeg's name; raise ValueError where it is not planar YUV or grey.
+
+    >>> parse_pixel_format("yuv420p10le").frame_bytes(5, 3)
+    54
+    """
+    found = _FORMAT.fullmatch(name) if isinstance(name, str) else None
+    if found is None:
+        raise ValueError(
+            f"pixel_format {name!r} is not supported; planar YUV and grey are, such as "
+            "yuv420p, yuv422p10le, yuv444p16le, gray, gray10le"
+        )
+    shift_x, shift_y = {"420": (1, 1), "422": (1, 0), "444": (0, 0), None: (0, 0)}[found["sub"]]
+    bits = int(found["bits"] or 8)
+    order = ">" if found["order"] == "be" else "<"
+    return PlanarFormat(
+        chroma_shift_x=shift_x,
+        chroma_shift_y=shift_y,
+        has_chroma=found["sub"] is not None,
+        bits=bits,
+        dtype=np.dtype(np.uint8) if bits == 8 else np.dtype(order + "u2"),
+    )
+
+
+def levels(bits: int, value_range: Range) -> tuple[float, float, float, float]:
+    """Return (black, luma span, chroma centre, chroma span) in stored values."""
+    if value_range is Range.FULL:
+        peak = float((1 << bits) - 1)
+        return 0.0, peak, float(1 << (bits - 1)), peak
+    step = float(1 << (bits - 8))
+    return 16 * step, 219 * step, 128 * step, 224 * step
+
+
+def picture_from_planes(
+    planes: tuple[npt.NDArray, ...], layout: PlanarFormat, matrix: Matrix, value_range: Range
+) -> Picture:
+    """Return luma and chroma of a planar YUV picture.
+
+    Parameters
+    ----------
+    planes : tuple of ndarray of shape (rows, columns), uint8 or uint16
+        Luma, or luma, Cb and Cr, as stored. Chroma of subsampled formats is taken to sit on
+        the even luma columns and between the luma rows (MPEG-2's and H.264's default).
+    layout : PlanarFormat
+        How they are meant.
+    matrix : Matrix
+        Which RGB they are made of; without effect on grey.
+    value_range : Range
+        Which values are black and white.
+
+    Returns
+    -------
+    Picture
+        New arrays: luma clipped to 0..255, chroma as it comes.
+    """
+    black, span, centre, chroma_span = levels(layout.bits, value_range)
+    luma = planes[0].astype(np.float32)
+    if len(planes) == 1:
+        if (black, span) != (0.0, 255.0):
+            luma = (luma - np.float32(black)) * np.float32(255.0 / span)
+        return Picture(luma=np.clip(luma, 0, 255, out=luma))
+    chroma = [_upsampled(plane, layout, luma.shape) for plane in planes[1:]]
+    scale = np.diag([255.0 / span, 255.0 / chroma_span, 255.0 / chroma_span])
+    offset = -scale @ np.array([black, centre, centre])
+    change = RGB_TO_YCC @ _rgb_of_ycc(matrix)
+    if matrix is Matrix.BT601:
+        change = np.eye(3)
+    full = np.column_stack([change @ scale, change @ offset + [0, CHROMA_CENTRE, CHROMA_CENTRE]])
+    stacked = np.dstack([luma, *chroma])
+    height, width = luma.shape
+    luma = np.asarray(cv2.transform(stacked, full[:1]), np.float32).reshape(height, width)
+    return Picture(
+        luma=np.clip(luma, 0, 255, out=luma),
+        chroma=np.asarray(cv2.transform(stacked, full[1:]), np.float32).reshape(height, width, 2),
+    )
+
+
+def _rgb_of_ycc(matrix: Matrix) -> npt.NDArray[np.float64]:
+    red, blue = matrix.red_blue_weights
+    weights = np.array([red, 1 - red - blue, blue])
+    return np.linalg.inv(
+        np.array(
+            [
+                weights,
+                (np.array([0, 0, 1]) - weights) * 0.5 / (1 - blue),
+                (np.array([1, 0, 0]) - weights) * 0.5 / (1 - red),
+            ]
+        )
+    )
+
+
+def _upsampled(
+    plane: npt.NDArray, layout: PlanarFormat, shape: tuple[int, ...]
+) -> npt.NDArray[np.float32]:
+    plane = plane.astype(np.float32)
+    if plane.shape == tuple(shape):
+        return plane
+    step_x, step_y = 0.5**layout.chroma_shift_x, 0.5**layout.chroma_shift_y
+    to_chroma = np.array([[step_x, 0, 0], [0, step_y, step_y / 2 - 0.5]])
+    enlarged = cv2.warpAffine(
+        plane,
+        to_chroma,
+        (shape[1], shape[0]),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(enlarged, np.float32).reshape(shape)
+
+
+class RawVideoFile:
+    """A file of raw frames, read at random.
+
+    Raises
+    ------
+    SceneError
+        If it is missing, empty, or does not hold whole frames.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        width: int,
+        height: int,
+        pixel_format: str,
+        matrix: Matrix | None = None,
+        value_range: Range | None = None,
+    ) -> None:
+        self.path = path
+        self.width = width
+        self.height = height
+        self.layout = parse_pixel_format(pixel_format)
+        self.matrix = matrix or default_matrix(height)
+        self.range = value_range
+        self._frame_bytes = self.layout.frame_bytes(width, height)
+        try:
+            size = path.stat().st_size
+        except OSError as error:
+            raise SceneError(f"cannot be read: {error.strerror}", path=path) from error
+        self.num_frames, rest = divmod(size, self._frame_bytes)
+        if rest or not self.num_frames:
+            raise SceneError(
+                f"truncated, or not {width}×{height} {pixel_format}: {size} bytes are "
+                f"{self.num_frames} frames of {self._frame_bytes} bytes and {rest} more",
+                path=path,
+            )
+
+    def planes(self, index: int) -> tuple[npt.NDArray, ...]:
+        """Return the planes of frame ``index`` (0-based) as stored, in native byte order."""
+        try:
+            with self.path.open("rb") as file:
+                file.seek(index * self._frame_bytes)
+                data = file.read(self._frame_bytes)
+        except OSError as error:
+            raise SceneError(f"cannot be read: {error.strerror}", path=self.path) from error
+        if len(data) < self._frame_bytes:
+            raise SceneError("truncated", path=self.path, frame=index)
+        samples = np.frombuffer(data, self.layout.dtype)
+        samples = samples.astype(self.layout.dtype.newbyteorder("="), copy=False)
+        planes, at = [], 0
+        for rows, columns in self.layout.plane_shapes(self.width, self.height):
+            planes.append(samples[at : at + rows * columns].reshape(rows, columns))
+            at += rows * columns
+        return tuple(planes)
+
+    def picture(self, index: int) -> Picture:
+        """Return frame ``index`` (0-based) as luma and chroma."""
+        return picture_from_planes(
+            self.planes(index), self.layout, self.matrix, self.range or Range.LIMITED
+        )
+
+    def samples(self, index: int) -> npt.NDArray:
+        """Return the first plane of frame ``index`` (0-based) as numbers: (H, W).
+
+        With limited range they are stretched to the full range of the bit depth, float32.
+        """
+        return stored_values(self.planes(index)[0], self.layout.bits, self.range or Range.FULL)
+
+
+def stored_values(plane: npt.NDArray, bits: int, value_range: Range) -> npt.NDArray:
+    """Return a plane of depth values, stretched to full range where it is limited.
+
+    Parameters
+    ----------
+    plane : ndarray of shape (H, W), uint8 or uint16
+        Stored samples.
+    bits : int
+        Bits of a sample.
+    value_range : Range
+        Full: the plane itself is returned.
+    """
+    if value_range is Range.FULL:
+        return plane
+    black, span, _, _ = levels(bits, value_range)
+    peak = float((1 << bits) - 1)
+    return np.clip((plane.astype(np.float32) - black) * np.float32(peak / span), 0, peak)

@@ -1,0 +1,552 @@
+"""Compiled inner loops of registration: spline samples, robust patch fits, patch choice.
+
+Images enter as quadratic B-spline coefficients padded by ``PAD`` pixels on each
+side, so that samples and gradients come from one set of nine taps. Loops
+release the global lock; views run on several threads.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+PAD = 2
+"""Pixels of padding around spline coefficients."""
+
+_OPTIONS = {
+    "nogil": True,
+    "cache": True,
+    "error_model": "numpy",
+    # not the flags that assume finite numbers: NaN marks what has no value
+    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
+}
+
+HISTOGRAM_BINS = 512
+"""Bins of the residual histogram behind the robust scale."""
+
+MAD_TO_SIGMA = 1.4826
+"""Median absolute deviation to standard deviation, Gaussian."""
+
+TUKEY = 4.685
+"""Tukey biweight cut-off in standard deviations (95 % efficiency)."""
+
+
+@njit(**_OPTIONS)
+def sample(coefficients, x, y):
+    """Return value, x gradient and y gradient at a point; NaN value outside the image.
+
+    ``coefficients`` is (H + 2·PAD, W + 2·PAD) float32; the point is in image pixels.
+    """
+    half = np.float32(0.5)
+    height = coefficients.shape[0] - 4
+    width = coefficients.shape[1] - 4
+    if not (x > -half and y > -half and x < width - half and y < height - half):
+        return np.float32(np.nan), np.float32(0.0), np.float32(0.0)
+    cx = int(np.floor(x + half))
+    cy = int(np.floor(y + half))
+    tx = np.float32(x - cx)
+    ty = np.float32(y - cy)
+    x0 = half * (half - tx) * (half - tx)
+    x1 = np.float32(0.75) - tx * tx
+    x2 = half * (half + tx) * (half + tx)
+    dx0 = tx - half
+    dx1 = -2 * tx
+    dx2 = tx + half
+    u = cx + 1
+    v = cy + 1
+    a0 = coefficients[v, u]
+    a1 = coefficients[v, u + 1]
+    a2 = coefficients[v, u + 2]
+    b0 = coefficients[v + 1, u]
+    b1 = coefficients[v + 1, u + 1]
+    b2 = coefficients[v + 1, u + 2]
+    c0 = coefficients[v + 2, u]
+    c1 = coefficients[v + 2, u + 1]
+    c2 = coefficients[v + 2, u + 2]
+    ra = x0 * a0 + x1 * a1 + x2 * a2
+    rb = x0 * b0 + x1 * b1 + x2 * b2
+    rc = x0 * c0 + x1 * c1 + x2 * c2
+    y0 = half * (half - ty) * (half - ty)
+    y1 = np.float32(0.75) - ty * ty
+    y2 = half * (half + ty) * (half + ty)
+    value = y0 * ra + y1 * rb + y2 * rc
+    grad_x = (
+        y0 * (dx0 * a0 + dx1 * a1 + dx2 * a2)
+        + y1 * (dx0 * b0 + dx1 * b1 + dx2 * b2)
+        + y2 * (dx0 * c0 + dx1 * c1 + dx2 * c2)
+    )
+    grad_y = (ty - half) * ra - 2 * ty * rb + (ty + half) * rc
+    return value, grad_x, grad_y
+
+
+@njit(**_OPTIONS)
+def sample_field(coefficients, position, out):
+    """Write spline samples at (H, W, 2) positions into ``out`` (H, W); NaN outside."""
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
+            value, _, _ = sample(coefficients, position[row, column, 0], position[row, column, 1])
+            out[row, column] = value
+
+
+@njit(**_OPTIONS)
+def spline_gradient(coefficients, grad_x, grad_y):
+    """Write the spline's gradient at whole pixels, grey levels a pixel."""
+    for row in range(grad_x.shape[0]):
+        for column in range(grad_x.shape[1]):
+            _, gx, gy = sample(coefficients, float(column), float(row))
+            grad_x[row, column] = gx
+            grad_y[row, column] = gy
+
+
+@njit(**_OPTIONS)
+def _solve(matrix, rhs, size):
+    """Solve the symmetric positive definite system in place by Cholesky; False if it is not."""
+    for i in range(size):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= matrix[i, k] * matrix[j, k]
+            if i == j:
+                if total <= 1e-12:
+                    return False
+                matrix[i, i] = np.sqrt(total)
+            else:
+                matrix[i, j] = total / matrix[j, j]
+    for i in range(size):
+        total = rhs[i]
+        for k in range(i):
+            total -= matrix[i, k] * rhs[k]
+        rhs[i] = total / matrix[i, i]
+    for i in range(size - 1, -1, -1):
+        total = rhs[i]
+        for k in range(i + 1, size):
+            total -= matrix[k, i] * rhs[k]
+        rhs[i] = total / matrix[i, i]
+    return True
+
+
+@njit(**_OPTIONS)
+def fit_patches(
+    source,
+    source_gx,
+    source_gy,
+    reference,
+    fineness,
+    nearness,
+    windows,
+    ranges,
+    degree,
+    motion,
+    prior,
+    prior_strength,
+    offset_mean,
+    offset_precision,
+    min_scale,
+    min_support,
+    iterations,
+    tolerance,
+    stride,
+    status,
+    quality,
+):
+    """Refine the motion of many patches by robust Gauss–Newton, in place.
+
+    Minimises Σ ρ(reference(x + u) − source(x) + ζ) + ½ (θ − θ₀)ᵀ Λ (θ − θ₀) for each
+    patch: ρ is Tukey's biweight with a scale from the data, the gradient is the mean of
+    the source's and the warped reference's (second-order convergence), and the prior
+    keeps directions that the texture does not determine at their start.
+
+    Parameters
+    ----------
+    source : (H, W) float32
+        Source luma, smoothed.
+    source_gx, source_gy : (H, W) float32
+    reference : (H' + 4, W' + 4) float32
+        Spline coefficients of the reference luma, smoothed.
+    fineness : (4,) float64
+        Magnification along x and y and offset along x and y from LR points of the
+        reference to pixels of ``reference``; 1, 1, 0, 0 where it is the LR image.
+    nearness : (H, W) float32
+        Of the source.
+    windows : (P, 4) int32
+        x0, y0, x1, y1 of each patch, half-open, source pixels.
+    ranges : (P, 2) float32
+        A pixel of the window belongs where lo ≤ nearness < hi.
+    degree : int
+        0 translation, 1 affine, 2 quadratic.
+    motion : (P, 13) float64
+        Per patch u then v coefficients of the basis 1, X, Y, X², XY, Y², then ζ; with
+        X = (x − xc) / s, Y = (y − yc) / s about the window's centre, s half its larger
+        side. Modified in place.
+    prior : (P, 2, 2) float64
+        Precision of the mean displacement (u, v) of the patch about its start, px⁻².
+    prior_strength : (3,) float64
+        Factors on that precision for the terms of degree 0, 1 and 2.
+    offset_mean, offset_precision : float
+        Prior of the intensity term ζ, grey levels and grey levels⁻²: one exposure for the
+        whole view, from which a patch may differ a little.
+    min_scale : float
+        Smallest residual scale, grey levels (the noise).
+    min_support : int
+        Pixels below which a patch is not fitted.
+    iterations, tolerance
+        At most so many steps; stop when no corner moves more, pixels.
+    stride : int
+        Use every ``stride``-th row and column of large windows.
+    status : (P,) int32
+        Written: 1 fitted, 2 too few pixels, 3 degenerate, 4 ran away (the start is kept).
+    quality : (P, 2) float32
+        Written: robust residual scale (grey levels) and the share of reliable pixels.
+    """
+    num_basis = (degree + 1) * (degree + 2) // 2
+    size = 2 * num_basis + 1
+    powers = 2 * degree + 1
+    area = 0
+    for p in range(windows.shape[0]):
+        area = max(area, (windows[p, 2] - windows[p, 0]) * (windows[p, 3] - windows[p, 1]))
+    residual = np.empty(area, np.float32)
+    gradient_x = np.empty(area, np.float32)
+    gradient_y = np.empty(area, np.float32)
+    place_x = np.empty(area, np.float32)
+    row_end = np.empty(nearness.shape[0] + 1, np.int64)
+    row_y = np.empty(nearness.shape[0] + 1, np.float64)
+    histogram = np.empty(HISTOGRAM_BINS, np.int64)
+    line = np.empty((9, powers))
+    moments = np.empty((9, powers, powers))
+    matrix = np.empty((size, size))
+    step = np.empty(size)
+    start = np.empty(13)
+    power_x = np.array([0, 1, 0, 2, 1, 0])
+    power_y = np.array([0, 0, 1, 0, 1, 2])
+    level = np.array([0, 1, 1, 2, 2, 2])
+    for p in range(windows.shape[0]):
+        x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
+        xc = 0.5 * (x0 + x1 - 1)
+        yc = 0.5 * (y0 + y1 - 1)
+        s = max(0.5 * max(x1 - x0, y1 - y0), 1.0)
+        lo, hi = ranges[p, 0], ranges[p, 1]
+        start[:] = motion[p]
+        status[p] = 1
+        quality[p, 0] = np.inf
+        quality[p, 1] = 0
+        for iteration in range(iterations + 1):
+            theta = motion[p]
+            count = 0
+            lines = 0
+            in_support = 0
+            for y in range(y0, y1, stride):
+                Y = (y - yc) / s
+                cu0 = theta[0] + theta[2] * Y + theta[5] * Y * Y
+                cu1 = theta[1] + theta[4] * Y
+                cv0 = theta[6] + theta[8] * Y + theta[11] * Y * Y
+                cv1 = theta[7] + theta[10] * Y
+                for x in range(x0, x1, stride):
+                    d = nearness[y, x]
+                    if not (d >= lo and d < hi):
+                        continue
+                    in_support += 1
+                    X = (x - xc) / s
+                    u = cu0 + (cu1 + theta[3] * X) * X
+                    v = cv0 + (cv1 + theta[9] * X) * X
+                    value, gx, gy = sample(
+                        reference,
+                        fineness[0] * (x + u) + fineness[2],
+                        fineness[1] * (y + v) + fineness[3],
+                    )
+                    if not np.isfinite(value):
+                        continue
+                    residual[count] = value - source[y, x]
+                    gradient_x[count] = np.float32(0.5) * (fineness[0] * gx + source_gx[y, x])
+                    gradient_y[count] = np.float32(0.5) * (fineness[1] * gy + source_gy[y, x])
+                    place_x[count] = X
+                    count += 1
+                row_end[lines] = count
+                row_y[lines] = Y
+                lines += 1
+            if count * stride * stride < min_support or 2 * count < in_support:
+                status[p] = 2
+                motion[p] = start
+                break
+            zeta = theta[12]
+            # robust scale: median of |r + ζ| by histogram
+            width = 0.0
+            for k in range(count):
+                width += abs(residual[k] + zeta)
+            width = max(8.0 * width / count, 1e-3)
+            histogram[:] = 0
+            for k in range(count):
+                b = int(abs(residual[k] + zeta) / width * HISTOGRAM_BINS)
+                histogram[min(b, HISTOGRAM_BINS - 1)] += 1
+            seen = 0
+            b = 0
+            while b < HISTOGRAM_BINS - 1 and seen + histogram[b] < (count + 1) // 2:
+                seen += histogram[b]
+                b += 1
+            scale = MAD_TO_SIGMA * (b + 0.5) * width / HISTOGRAM_BINS
+            scale = max(scale, min_scale)
+            quality[p, 0] = scale
+            if iteration == iterations:
+                break
+            cut2 = (TUKEY * scale) ** 2
+            moments[:] = 0
+            reliable = 0
+            k = 0
+            for j in range(lines):
+                line[:] = 0
+                while k < row_end[j]:
+                    r = residual[k] + zeta
+                    q = r * r / cut2
+                    if q < 1:
+                        w = (1 - q) * (1 - q)
+                        reliable += 1
+                        gx = gradient_x[k]
+                        gy = gradient_y[k]
+                        X = place_x[k]
+                        wx = w * gx
+                        wy = w * gy
+                        power = 1.0
+                        for m in range(powers):
+                            line[0, m] += wx * gx * power
+                            line[1, m] += wx * gy * power
+                            line[2, m] += wy * gy * power
+                            line[3, m] += wx * power
+                            line[4, m] += wy * power
+                            if m <= degree:
+                                line[5, m] += wx * r * power
+                                line[6, m] += wy * r * power
+                            power *= X
+                        line[7, 0] += w
+                        line[8, 0] += w * r
+                    k += 1
+                power = 1.0
+                for n in range(powers):
+                    for m in range(powers - n):
+                        for a in range(7):
+                            moments[a, m, n] += line[a, m] * power
+                    power *= row_y[j]
+                moments[7, 0, 0] += line[7, 0]
+                moments[8, 0, 0] += line[8, 0]
+            quality[p, 1] = reliable / max(in_support, 1)
+            s2 = scale * scale
+            for i in range(num_basis):
+                for j in range(num_basis):
+                    m = power_x[i] + power_x[j]
+                    n = power_y[i] + power_y[j]
+                    matrix[i, j] = moments[0, m, n] / s2
+                    matrix[i, num_basis + j] = moments[1, m, n] / s2
+                    matrix[num_basis + i, j] = moments[1, m, n] / s2
+                    matrix[num_basis + i, num_basis + j] = moments[2, m, n] / s2
+                m = power_x[i]
+                n = power_y[i]
+                matrix[i, size - 1] = moments[3, m, n] / s2
+                matrix[size - 1, i] = moments[3, m, n] / s2
+                matrix[num_basis + i, size - 1] = moments[4, m, n] / s2
+                matrix[size - 1, num_basis + i] = moments[4, m, n] / s2
+                step[i] = -moments[5, m, n] / s2
+                step[num_basis + i] = -moments[6, m, n] / s2
+                factor = prior_strength[level[i]]
+                du = theta[i] - start[i]
+                dv = theta[6 + i] - start[6 + i]
+                matrix[i, i] += factor * prior[p, 0, 0] + 1e-6
+                matrix[num_basis + i, num_basis + i] += factor * prior[p, 1, 1] + 1e-6
+                matrix[i, num_basis + i] += factor * prior[p, 0, 1]
+                matrix[num_basis + i, i] += factor * prior[p, 0, 1]
+                step[i] -= factor * (prior[p, 0, 0] * du + prior[p, 0, 1] * dv)
+                step[num_basis + i] -= factor * (prior[p, 0, 1] * du + prior[p, 1, 1] * dv)
+            matrix[size - 1, size - 1] = moments[7, 0, 0] / s2 + offset_precision
+            step[size - 1] = -moments[8, 0, 0] / s2 - offset_precision * (zeta - offset_mean)
+            if not _solve(matrix, step, size):
+                status[p] = 3
+                motion[p] = start
+                break
+            largest = 0.0
+            move_u = 0.0
+            move_v = 0.0
+            for i in range(num_basis):
+                motion[p, i] += step[i]
+                motion[p, 6 + i] += step[num_basis + i]
+                move_u += abs(step[i])
+                move_v += abs(step[num_basis + i])
+            motion[p, 12] += step[size - 1]
+            largest = max(move_u, move_v)
+            if not (largest < 4 * s):
+                status[p] = 4
+                motion[p] = start
+                break
+            if largest < tolerance:
+                break
+
+
+@njit(**_OPTIONS)
+def residual_energy(source, reference, windows, index, motion, energy):
+    """Write the squared residual of one patch's motion over its window; a large value outside.
+
+    ``energy`` is a (≥ window height, ≥ window width) float32 scratch area.
+    """
+    x0, y0, x1, y1 = windows[index, 0], windows[index, 1], windows[index, 2], windows[index, 3]
+    xc = 0.5 * (x0 + x1 - 1)
+    yc = 0.5 * (y0 + y1 - 1)
+    s = max(0.5 * max(x1 - x0, y1 - y0), 1.0)
+    theta = motion[index]
+    zeta = np.float32(theta[12])
+    for y in range(y0, y1):
+        Y = (y - yc) / s
+        for x in range(x0, x1):
+            X = (x - xc) / s
+            u = theta[0] + theta[1] * X + theta[2] * Y
+            u += theta[3] * X * X + theta[4] * X * Y + theta[5] * Y * Y
+            v = theta[6] + theta[7] * X + theta[8] * Y
+            v += theta[9] * X * X + theta[10] * X * Y + theta[11] * Y * Y
+            value, _, _ = sample(reference, x + u, y + v)
+            if np.isfinite(value):
+                r = value - source[y, x] + zeta
+                energy[y - y0, x - x0] = min(r * r, np.float32(2500.0))
+            else:
+                energy[y - y0, x - x0] = np.float32(2500.0)
+
+
+@njit(**_OPTIONS)
+def choose_patches(
+    source, reference, nearness, windows, ranges, motion, usable, radius, mismatch, best, cost
+):
+    """Choose for each pixel the patch motion with the least local residual, in place.
+
+    The cost is the mean squared residual in a (2·radius + 1)² box, plus ``mismatch``
+    times the squared distance (in nearness) to the patch's range.
+
+    Parameters
+    ----------
+    best : (H, W) int32
+        Modified: patch number, −1 where none.
+    cost : (H, W) float32
+        Modified: cost of that choice.
+    """
+    tallest = 0
+    widest = 0
+    for p in range(windows.shape[0]):
+        widest = max(widest, windows[p, 2] - windows[p, 0])
+        tallest = max(tallest, windows[p, 3] - windows[p, 1])
+    energy = np.empty((tallest, widest), np.float32)
+    smooth = np.empty((tallest, widest), np.float32)
+    for p in range(windows.shape[0]):
+        if not usable[p]:
+            continue
+        x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
+        residual_energy(source, reference, windows, p, motion, energy)
+        rows = y1 - y0
+        columns = x1 - x0
+        for y in range(rows):
+            total = np.float32(0.0)
+            for x in range(min(radius, columns)):
+                total += energy[y, x]
+            for x in range(columns):
+                if x + radius < columns:
+                    total += energy[y, x + radius]
+                if x - radius - 1 >= 0:
+                    total -= energy[y, x - radius - 1]
+                n = min(x + radius, columns - 1) - max(x - radius, 0) + 1
+                smooth[y, x] = total / n
+        for x in range(columns):
+            total = np.float32(0.0)
+            for y in range(min(radius, rows)):
+                total += smooth[y, x]
+            for y in range(rows):
+                if y + radius < rows:
+                    total += smooth[y + radius, x]
+                if y - radius - 1 >= 0:
+                    total -= smooth[y - radius - 1, x]
+                n = min(y + radius, rows - 1) - max(y - radius, 0) + 1
+                value = max(total, np.float32(0.0)) / n
+                d = nearness[y0 + y, x0 + x]
+                away = np.float32(0.0)
+                if d < ranges[p, 0]:
+                    away = ranges[p, 0] - d
+                elif d > ranges[p, 1]:
+                    away = d - ranges[p, 1]
+                value += mismatch * away * away
+                if value < cost[y0 + y, x0 + x]:
+                    cost[y0 + y, x0 + x] = value
+                    best[y0 + y, x0 + x] = p
+
+
+@njit(**_OPTIONS)
+def displacement_at(windows, motion, p, x, y):
+    """Return (u, v) of patch ``p``'s motion at source pixel (x, y)."""
+    x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
+    s = max(0.5 * max(x1 - x0, y1 - y0), 1.0)
+    X = (x - 0.5 * (x0 + x1 - 1)) / s
+    Y = (y - 0.5 * (y0 + y1 - 1)) / s
+    t = motion[p]
+    u = t[0] + t[1] * X + t[2] * Y + t[3] * X * X + t[4] * X * Y + t[5] * Y * Y
+    v = t[6] + t[7] * X + t[8] * Y + t[9] * X * X + t[10] * X * Y + t[11] * Y * Y
+    return u, v
+
+
+@njit(**_OPTIONS)
+def blend_patches(windows, motion, usable, best, agreement, spread, position, offset):
+    """Write the landing point of each pixel: its patch's motion blended with those that agree.
+
+    Overlapping patches whose motion at the pixel lies within ``agreement`` pixels of the
+    chosen one are averaged with a weight that falls off from their centre, which makes
+    the piecewise motion continuous on curved surfaces.
+
+    Parameters
+    ----------
+    position : (H, W, 2) float32
+        Written: x + u, y + v; NaN where no patch was chosen.
+    offset : (H, W) float32
+        Written: ζ blended likewise, grey levels.
+    """
+    height, width = best.shape
+    total = np.zeros((height, width), np.float32)
+    sum_u = np.zeros((height, width), np.float32)
+    sum_v = np.zeros((height, width), np.float32)
+    best_u = np.zeros((height, width), np.float32)
+    best_v = np.zeros((height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            offset[y, x] = 0
+            if best[y, x] >= 0:
+                u, v = displacement_at(windows, motion, best[y, x], x, y)
+                best_u[y, x] = u
+                best_v[y, x] = v
+    for p in range(windows.shape[0]):
+        if not usable[p]:
+            continue
+        x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
+        xc = 0.5 * (x0 + x1 - 1)
+        yc = 0.5 * (y0 + y1 - 1)
+        reach_x = spread * 0.5 * (x1 - x0) + 0.5
+        reach_y = spread * 0.5 * (y1 - y0) + 0.5
+        for y in range(y0, y1):
+            fall_y = 1 - abs(y - yc) / reach_y
+            for x in range(x0, x1):
+                if best[y, x] < 0:
+                    continue
+                own = best[y, x] == p
+                fall = fall_y * (1 - abs(x - xc) / reach_x)
+                if fall_y <= 0 or fall <= 0 or abs(x - xc) > reach_x:
+                    if not own:
+                        continue
+                    fall = 1e-3
+                fall = max(fall, 1e-3)
+                u, v = displacement_at(windows, motion, p, x, y)
+                du = u - best_u[y, x]
+                dv = v - best_v[y, x]
+                away = (du * du + dv * dv) / (agreement * agreement)
+                if away >= 1:
+                    continue
+                w = fall * (1 - away) * (1 - away)
+                total[y, x] += w
+                sum_u[y, x] += w * u
+                sum_v[y, x] += w * v
+                offset[y, x] += w * motion[p, 12]
+    for y in range(height):
+        for x in range(width):
+            if total[y, x] > 0:
+                position[y, x, 0] = x + sum_u[y, x] / total[y, x]
+                position[y, x, 1] = y + sum_v[y, x] / total[y, x]
+                offset[y, x] /= total[y, x]
+            else:
+                position[y, x, 0] = np.nan
+                position[y, x, 1] = np.nan

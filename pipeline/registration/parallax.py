@@ -1,0 +1,309 @@
+"""The motion of a whole view: a homography plus parallax along an epipole.
+
+A pixel p of nearness d lands at ``H p + d e`` (homogeneous). With pinhole
+cameras that is exact, whatever factor and offset the nearness carries, since H
+absorbs the offset; with calibration it is known, without it is fitted to
+sparse matches. It gives each patch its start and says in which direction a
+wrong depth moves it. Not in the thesis, which starts from layer-global motion
+or from calibration (§2.2, Figure 5); the latter is :func:`from_calibration`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from pipeline.frames import Calibration
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ParallaxMotion:
+    """Where a source pixel of known nearness lands in the reference view, LR pixels."""
+
+    homography: npt.NDArray[np.float64]
+    """(3, 3), acts on (x, y, 1)."""
+
+    epipole: npt.NDArray[np.float64]
+    """(3,), times nearness."""
+
+    num_inliers: int = 0
+    """Matches that support the fit; 0 from calibration."""
+
+    residual: float = float("nan")
+    """Median distance of those matches, LR pixels."""
+
+    def land(self, x: npt.ArrayLike, y: npt.ArrayLike, nearness: npt.ArrayLike) -> npt.NDArray:
+        """Return landing points (…, 2) of source points, as (x, y) in reference pixels."""
+        x, y, nearness = np.broadcast_arrays(
+            np.asarray(x, float), np.asarray(y, float), np.asarray(nearness, float)
+        )
+        point = (
+            self.homography[:, 0] * x[..., None]
+            + self.homography[:, 1] * y[..., None]
+            + self.homography[:, 2]
+            + self.epipole * nearness[..., None]
+        )
+        return point[..., :2] / point[..., 2:]
+
+    def parallax(self, x: npt.ArrayLike, y: npt.ArrayLike, nearness: npt.ArrayLike) -> npt.NDArray:
+        """Return the derivative (…, 2) of the landing point with nearness, pixels a unit."""
+        x, y, nearness = np.broadcast_arrays(
+            np.asarray(x, float), np.asarray(y, float), np.asarray(nearness, float)
+        )
+        landed = self.land(x, y, nearness)
+        depth = (
+            self.homography[2, 0] * x
+            + self.homography[2, 1] * y
+            + self.homography[2, 2]
+            + self.epipole[2] * nearness
+        )
+        return (self.epipole[:2] - landed * self.epipole[2]) / depth[..., None]
+
+
+def identity() -> ParallaxMotion:
+    """Return the motion of a view onto itself."""
+    return ParallaxMotion(homography=np.eye(3), epipole=np.zeros(3))
+
+
+def from_calibration(source: Calibration, reference: Calibration) -> ParallaxMotion:
+    """Return the motion that two calibrated cameras define, for nearness = 1 / depth.
+
+    Thesis §2.2 (initialisation from calibration): p' ~ K' R K⁻¹ p + (1/z) K' t.
+    """
+    relative = reference.world_to_camera @ np.linalg.inv(source.world_to_camera)
+    return ParallaxMotion(
+        homography=reference.intrinsics @ relative[:3, :3] @ np.linalg.inv(source.intrinsics),
+        epipole=reference.intrinsics @ relative[:3, 3],
+    )
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _search(source, reference, points, radius, reach_x, reach_y, shift, score):
+    """Write for each point the whole-pixel shift of best normalised cross-correlation."""
+    height, width = source.shape
+    side = 2 * radius + 1
+    patch = np.empty((side, side), np.float32)
+    scores = np.empty((2 * reach_y + 1, 2 * reach_x + 1), np.float32)
+    for k in range(points.shape[0]):
+        px, py = points[k, 0], points[k, 1]
+        mean = np.float32(0.0)
+        for a in range(side):
+            for b in range(side):
+                patch[a, b] = source[py + a - radius, px + b - radius]
+                mean += patch[a, b]
+        mean /= side * side
+        energy = np.float32(0.0)
+        for a in range(side):
+            for b in range(side):
+                patch[a, b] -= mean
+                energy += patch[a, b] * patch[a, b]
+        best = np.float32(-2.0)
+        best_x = 0
+        best_y = 0
+        scores[:] = -2.0
+        for dy in range(-reach_y, reach_y + 1):
+            cy = py + dy
+            if cy < radius or cy >= height - radius:
+                continue
+            for dx in range(-reach_x, reach_x + 1):
+                cx = px + dx
+                if cx < radius or cx >= width - radius:
+                    continue
+                cross = np.float32(0.0)
+                total = np.float32(0.0)
+                square = np.float32(0.0)
+                for a in range(side):
+                    for b in range(side):
+                        value = reference[cy + a - radius, cx + b - radius]
+                        cross += patch[a, b] * value
+                        total += value
+                        square += value * value
+                spread = square - total * total / (side * side)
+                ncc = cross / np.sqrt(energy * max(spread, np.float32(1e-3)) + np.float32(1e-3))
+                scores[dy + reach_y, dx + reach_x] = ncc
+                if ncc > best:
+                    best = ncc
+                    best_x = dx
+                    best_y = dy
+        i = best_y + reach_y
+        j = best_x + reach_x
+        sub_x = np.float32(0.0)
+        sub_y = np.float32(0.0)
+        if 0 < j < 2 * reach_x and scores[i, j - 1] > -1.5 and scores[i, j + 1] > -1.5:
+            bend = scores[i, j - 1] - 2 * best + scores[i, j + 1]
+            if bend < 0:
+                sub_x = np.float32(0.5) * (scores[i, j - 1] - scores[i, j + 1]) / bend
+        if 0 < i < 2 * reach_y and scores[i - 1, j] > -1.5 and scores[i + 1, j] > -1.5:
+            bend = scores[i - 1, j] - 2 * best + scores[i + 1, j]
+            if bend < 0:
+                sub_y = np.float32(0.5) * (scores[i - 1, j] - scores[i + 1, j]) / bend
+        shift[k, 0] = best_x + sub_x
+        shift[k, 1] = best_y + sub_y
+        score[k] = best
+
+
+def match_points(
+    source: npt.NDArray[np.float32],
+    reference: npt.NDArray[np.float32],
+    *,
+    spacing: int = 6,
+    radius: int = 4,
+    reach: tuple[float, float] = (0.25, 0.06),
+    min_score: float = 0.7,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return matched points of two (coarse) images by exhaustive correlation search.
+
+    Parameters
+    ----------
+    source, reference : (H, W) float32
+    spacing, radius : int
+        Grid of the points and half side of the patches, pixels of these images.
+    reach : (float, float)
+        Search range along x and y, fractions of width and height.
+    min_score : float
+        Smallest normalised cross-correlation that counts.
+
+    Returns
+    -------
+    points, landed : (M, 2) float64
+        (x, y) in the source and in the reference; M may be 0.
+    """
+    height, width = source.shape
+    empty = np.empty((0, 2))
+    if height < 2 * radius + 3 or width < 2 * radius + 3:
+        return empty, empty
+    smooth = cv2.GaussianBlur(source, (0, 0), 1.0)
+    gradient = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) ** 2 + cv2.Sobel(smooth, cv2.CV_32F, 0, 1) ** 2
+    texture = cv2.boxFilter(gradient, -1, (2 * radius + 1, 2 * radius + 1))
+    points = []
+    floor = 0.1 * float(np.median(texture)) + 1.0
+    for y in range(radius, height - radius, spacing):
+        for x in range(radius, width - radius, spacing):
+            block = texture[y : min(y + spacing, height - radius), x : min(x + spacing, width - radius)]
+            k = int(np.argmax(block))
+            if block.flat[k] > floor:
+                points.append((x + k % block.shape[1], y + k // block.shape[1]))
+    if not points:
+        return empty, empty
+    starts = np.array(points, np.int64)
+    shift = np.zeros((len(points), 2), np.float32)
+    score = np.zeros(len(points), np.float32)
+    reach_x = max(4, int(reach[0] * width))
+    reach_y = max(3, int(reach[1] * height))
+    _search(source, reference, starts, radius, reach_x, reach_y, shift, score)
+    good = score > min_score
+    return starts[good].astype(float), starts[good] + shift[good].astype(float)
+
+
+def fit_parallax(
+    points: npt.NDArray[np.float64],
+    landed: npt.NDArray[np.float64],
+    nearness: npt.NDArray[np.float64],
+    *,
+    seed: int = 0,
+    trials: int = 400,
+    tolerance: float = 6.0,
+) -> ParallaxMotion | None:
+    """Return the homography plus parallax that most matches agree on, or None.
+
+    Random sampling with an affine-plus-parallax model finds the inliers, then
+    the eleven-parameter model is fitted by iteratively re-weighted least squares.
+
+    Parameters
+    ----------
+    points, landed : (M, 2) float64
+        Matches, LR pixels.
+    nearness : (M,) float64
+        Of the points, finite.
+    tolerance : float
+        Distance of an inlier in the random sampling, LR pixels.
+    """
+    count = len(points)
+    if count < 8:
+        return None
+    centre = points.mean(axis=0)
+    size = max(float(np.abs(points - centre).max()), 1.0)
+    d_centre = float(np.median(nearness))
+    d_size = float(np.percentile(np.abs(nearness - d_centre), 90))
+    if d_size < 1e-12 * max(1.0, abs(d_centre)):
+        d_size = 1.0
+    depth_counts = bool(np.ptp(nearness) > 0)
+    basis = np.column_stack(
+        [
+            np.ones(count),
+            (points - centre) / size,
+            (nearness - d_centre) / d_size if depth_counts else np.zeros(count),
+        ]
+    )
+    shift = landed - points
+    ridge = np.diag([0.0, 1e-3, 1e-3, 1e-3])
+    generator = np.random.default_rng(seed)
+    best_weight = -1.0
+    inliers = np.zeros(count, bool)
+    for _ in range(trials):
+        chosen = generator.choice(count, 5, replace=False)
+        block = basis[chosen]
+        solution = np.linalg.solve(block.T @ block + ridge + 1e-9 * np.eye(4), block.T @ shift[chosen])
+        if np.abs(solution[1:3]).max() > 0.3 * size:
+            continue
+        distance2 = ((basis @ solution - shift) ** 2).sum(axis=1)
+        weight = np.maximum(0.0, 1 - distance2 / tolerance**2).sum()
+        if weight > best_weight:
+            best_weight = weight
+            inliers = distance2 < tolerance**2
+    if inliers.sum() < 8:
+        return None
+    # x' (1 + c) = a, y' (1 + c) = b with a, b, c linear in the basis (c without constant)
+    target = (landed - centre) / size
+    weights = inliers.astype(float)
+    a = np.zeros(4)
+    b = np.zeros(4)
+    c = np.zeros(3)
+    distance = np.full(count, np.inf)
+    for round_index in range(12):
+        zero = np.zeros_like(basis)
+        denominator = 1 + basis[:, 1:] @ c
+        rows = np.vstack(
+            [
+                np.hstack([basis, zero, -target[:, :1] * basis[:, 1:]]),
+                np.hstack([zero, basis, -target[:, 1:] * basis[:, 1:]]),
+            ]
+        )
+        scale = np.sqrt(np.tile(weights, 2)) / np.tile(denominator, 2)
+        system = rows * scale[:, None]
+        goal = np.concatenate([target[:, 0], target[:, 1]]) * scale
+        normal = system.T @ system
+        # the projective part is small; it is held unless the matches insist
+        hold = np.full(11, 1e-9)
+        hold[8:] = (0.3 / size) ** 2 * weights.sum() / 0.05**2 / 10
+        if not depth_counts:
+            hold[[3, 7, 10]] = 1e9
+        solution = np.linalg.solve(normal + np.diag(hold), system.T @ goal)
+        a, b, c = solution[:4], solution[4:8], solution[8:]
+        denominator = 1 + basis[:, 1:] @ c
+        predicted = np.column_stack([basis @ a, basis @ b]) / denominator[:, None]
+        distance = size * np.sqrt(((predicted - target) ** 2).sum(axis=1))
+        sigma = max(1.4826 * float(np.median(distance[weights > 0])), 0.05)
+        cut = max(4.0 * sigma, 0.5) * (2.0 if round_index < 3 else 1.0)
+        weights = np.maximum(0.0, 1 - (distance / cut) ** 2) ** 2
+        if (weights > 0).sum() < 8:
+            return None
+    # undo the normalisation
+    to_unit = np.array([[1 / size, 0, -centre[0] / size], [0, 1 / size, -centre[1] / size], [0, 0, 1]])
+    from_unit = np.array([[size, 0, centre[0]], [0, size, centre[1]], [0, 0, 1]])
+    unit = np.array([[a[1], a[2], a[0]], [b[1], b[2], b[0]], [c[0], c[1], 1.0]])
+    epipole = np.array([a[3], b[3], c[2]])
+    homography = from_unit @ unit @ to_unit - np.outer(
+        from_unit @ epipole * (d_centre / d_size), [0.0, 0.0, 1.0]
+    )
+    support = weights > 0
+    return ParallaxMotion(
+        homography=homography,
+        epipole=from_unit @ epipole / d_size,
+        num_inliers=int(support.sum()),
+        residual=float(np.median(distance[support])),
+    )

@@ -1,0 +1,238 @@
+"""Cutting a depth map into layers and patches (thesis §2.2, Eq. 1, Figure 2).
+
+Two ways: the thesis' L depth layers × R strips side by side, and ours, small
+overlapping windows in both directions, each cut where its depth jumps.
+Nearness (proportional to inverse depth) stands for depth throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+MAX_PARTS = 3
+"""Most surfaces that one window is cut into."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Patches:
+    """Windows of the image, each with the range of nearness that belongs to it."""
+
+    windows: npt.NDArray[np.int32]
+    """(P, 4): x0, y0, x1, y1, half-open, source pixels."""
+
+    ranges: npt.NDArray[np.float32]
+    """(P, 2): a pixel of the window belongs where lo ≤ nearness < hi."""
+
+    planes: npt.NDArray[np.float64]
+    """(P, 3): nearness ≈ p0 + p1·X + p2·Y with X, Y in −1…1 about the window's centre."""
+
+    support: npt.NDArray[np.int32]
+    """(P,): pixels that belong."""
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _plane(values, px, py, count, out):
+    """Write the least-squares plane of the first ``count`` values; return the residual's std."""
+    n = float(count)
+    sx = sy = sxx = sxy = syy = sd = sxd = syd = sdd = 0.0
+    for k in range(count):
+        x, y, d = px[k], py[k], values[k]
+        sx += x
+        sy += y
+        sxx += x * x
+        sxy += x * y
+        syy += y * y
+        sd += d
+        sxd += x * d
+        syd += y * d
+        sdd += d * d
+    mx, my, md = sx / n, sy / n, sd / n
+    ridge = 0.02
+    cxx = sxx / n - mx * mx + ridge
+    cxy = sxy / n - mx * my
+    cyy = syy / n - my * my + ridge
+    cxd = sxd / n - mx * md
+    cyd = syd / n - my * md
+    determinant = cxx * cyy - cxy * cxy
+    a = (cxd * cyy - cyd * cxy) / determinant
+    b = (cyd * cxx - cxd * cxy) / determinant
+    out[0] = md - a * mx - b * my
+    out[1] = a
+    out[2] = b
+    variance = sdd / n - md * md - a * cxd - b * cyd
+    return np.sqrt(max(variance, 0.0))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _cut_windows(nearness, spacing, half, tolerance, min_support, windows, ranges, planes, support):
+    """Fill the patch tables; return how many patches there are."""
+    height, width = nearness.shape
+    area = (2 * half + spacing) ** 2
+    values = np.empty(area)
+    px = np.empty(area)
+    py = np.empty(area)
+    part_values = np.empty(area)
+    part_x = np.empty(area)
+    part_y = np.empty(area)
+    plane = np.empty(3)
+    lows = np.empty(MAX_PARTS)
+    highs = np.empty(MAX_PARTS)
+    counts = np.empty(64, np.int64)
+    number = 0
+    for gy in range((height + spacing - 1) // spacing):
+        for gx in range((width + spacing - 1) // spacing):
+            cx = gx * spacing + spacing // 2
+            cy = gy * spacing + spacing // 2
+            x0, x1 = max(0, cx - half), min(width, cx + half)
+            y0, y1 = max(0, cy - half), min(height, cy + half)
+            xc = 0.5 * (x0 + x1 - 1)
+            yc = 0.5 * (y0 + y1 - 1)
+            s = max(0.5 * max(x1 - x0, y1 - y0), 1.0)
+            count = 0
+            for y in range(y0, y1):
+                for x in range(x0, x1):
+                    values[count] = nearness[y, x]
+                    px[count] = (x - xc) / s
+                    py[count] = (y - yc) / s
+                    count += 1
+            parts = 1
+            lows[0] = -np.inf
+            highs[0] = np.inf
+            k = 0
+            while k < parts:
+                n = 0
+                for i in range(count):
+                    if values[i] >= lows[k] and values[i] < highs[k]:
+                        part_values[n] = values[i]
+                        part_x[n] = px[i]
+                        part_y[n] = py[i]
+                        n += 1
+                spread = _plane(part_values, part_x, part_y, n, plane) if n > 0 else 0.0
+                if parts < MAX_PARTS and n >= 2 * min_support and spread > tolerance:
+                    # Otsu's threshold of the histogram of this part
+                    lo = part_values[0]
+                    hi = part_values[0]
+                    for i in range(n):
+                        lo = min(lo, part_values[i])
+                        hi = max(hi, part_values[i])
+                    counts[:] = 0
+                    step = (hi - lo) / 64 + 1e-30
+                    for i in range(n):
+                        counts[min(int((part_values[i] - lo) / step), 63)] += 1
+                    total = 0.0
+                    for b in range(64):
+                        total += b * counts[b]
+                    below = 0
+                    sum_below = 0.0
+                    best = -1.0
+                    first = 0
+                    last = 0
+                    for b in range(63):
+                        below += counts[b]
+                        sum_below += b * counts[b]
+                        above = n - below
+                        if below < min_support or above < min_support:
+                            continue
+                        gap = sum_below / below - (total - sum_below) / above
+                        between = float(below) * float(above) * gap * gap
+                        if between > best * (1 + 1e-9):
+                            best = between
+                            first = b
+                            last = b
+                        elif between >= best * (1 - 1e-9):
+                            last = b
+                    if best > 0:
+                        cut = lo + step * (0.5 * (first + last) + 1)
+                        for j in range(parts, k + 1, -1):
+                            lows[j] = lows[j - 1]
+                            highs[j] = highs[j - 1]
+                        lows[k + 1] = cut
+                        highs[k + 1] = highs[k]
+                        highs[k] = cut
+                        parts += 1
+                        continue
+                windows[number, 0] = x0
+                windows[number, 1] = y0
+                windows[number, 2] = x1
+                windows[number, 3] = y1
+                ranges[number, 0] = lows[k]
+                ranges[number, 1] = highs[k]
+                planes[number] = plane
+                support[number] = n
+                if n > 0:
+                    number += 1
+                k += 1
+    return number
+
+
+def cut_windows(
+    nearness: npt.NDArray[np.float32],
+    *,
+    spacing: int,
+    half: int,
+    tolerance: float,
+    min_support: int,
+) -> Patches:
+    """Return overlapping windows, each cut into parts where its depth is no plane.
+
+    Not in the thesis ("more general splits are ours to add").
+
+    Parameters
+    ----------
+    nearness : (H, W) float32
+        Without NaN.
+    spacing, half : int
+        Distance of the windows' centres and half their side, pixels.
+    tolerance : float
+        Standard deviation about a plane above which a window is cut, units of nearness.
+    min_support : int
+        Fewest pixels of a part.
+    """
+    height, width = nearness.shape
+    most = MAX_PARTS * (-(-height // spacing)) * (-(-width // spacing))
+    windows = np.empty((most, 4), np.int32)
+    ranges = np.empty((most, 2), np.float32)
+    planes = np.empty((most, 3))
+    support = np.empty(most, np.int32)
+    n = _cut_windows(
+        nearness, spacing, half, tolerance, min_support, windows, ranges, planes, support
+    )
+    return Patches(
+        windows=windows[:n].copy(),
+        ranges=ranges[:n].copy(),
+        planes=planes[:n].copy(),
+        support=support[:n].copy(),
+    )
+
+
+def fill_unknown(depth_map: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return the depth map with unknown pixels (NaN) filled from the same row, the farther side.
+
+    What a stereo matcher leaves unknown is mostly background seen by one camera
+    only. Rows without any known pixel take the nearest row; a map without any
+    known pixel becomes zero everywhere.
+    """
+    known = np.isfinite(depth_map)
+    if known.all():
+        return np.ascontiguousarray(depth_map, np.float32)
+    if not known.any():
+        return np.zeros(depth_map.shape, np.float32)
+    height, width = depth_map.shape
+    columns = np.arange(width)
+    left = np.maximum.accumulate(np.where(known, columns, -1), axis=1)
+    right = np.minimum.accumulate(np.where(known, columns, width)[:, ::-1], axis=1)[:, ::-1]
+    rows = np.arange(height)[:, None]
+    infinity = np.float32(np.inf)
+    from_left = np.where(left >= 0, depth_map[rows, np.maximum(left, 0)], infinity)
+    from_right = np.where(right < width, depth_map[rows, np.minimum(right, width - 1)], infinity)
+    filled = np.minimum(from_left, from_right)
+    row_known = known.any(axis=1)
+    if not row_known.all():
+        good = np.flatnonzero(row_known)
+        nearest = good[np.argmin(np.abs(np.arange(height)[:, None] - good[None, :]), axis=1)]
+        filled = filled[nearest]
+    return np.ascontiguousarray(filled, np.float32)

@@ -1,0 +1,416 @@
+"""The ``depthsr`` command: its subcommands, their options, their exit status.
+
+====  ==========================================
+0     done
+1     failure
+2     bad input or usage
+130   interrupted (Ctrl-C, SIGTERM)
+====  ==========================================
+
+Results go to stdout, everything else to stderr. Heavy packages are imported by
+the subcommand that needs them, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from service.console import EXIT_DONE, EXIT_USAGE, one_line, report_error
+from service.numba_cache import prepare_numba_cache
+
+if TYPE_CHECKING:
+    from pipeline.stop import StopFlag
+    from service.progress import Progress
+
+DESCRIPTION = "Super-resolve multi-view 3D video into a stereo pair, guided by depth."
+
+
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong with the usage in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Leave with status 2 and one line on stderr."""
+        self.exit(EXIT_USAGE, f"depthsr: error: {one_line(message)} (see {self.prog} --help)\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit status."""
+    prepare_numba_cache()
+    verbose = False
+    try:
+        arguments = make_parser().parse_args(argv)
+        verbose = getattr(arguments, "verbose", False)
+        return int(arguments.command(arguments) or EXIT_DONE)
+    except BrokenPipeError:
+        sys.stderr.close()  # whoever read us has gone; say nothing more
+        return EXIT_DONE
+    except (Exception, KeyboardInterrupt) as error:
+        return report_error(error, verbose=verbose)
+
+
+def make_parser() -> Parser:
+    """Return the parser of the whole command line."""
+    parser = Parser(prog="depthsr", description=DESCRIPTION)
+    parser.add_argument("--version", action="version", version=f"depthsr {_version()}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    _add_run(commands)
+    _add_probe(commands)
+    _add_psf(commands)
+    _add_evaluate(commands)
+    _add_demo(commands)
+    _add_compile(commands)
+    version = commands.add_parser("version", help="print the versions of everything that matters")
+    version.set_defaults(command=_run_version)
+    return parser
+
+
+def _add_run(commands: Any) -> None:
+    from pipeline.config import Settings
+    from pipeline.job import InputOptions, OutputOptions
+    from service.options import add_options
+
+    parser = commands.add_parser(
+        "run",
+        help="super-resolve a scene and write a stereo video or pictures",
+        description="Super-resolve a scene and write a stereo video, pictures, or both.",
+    )
+    parser.add_argument(
+        "scene",
+        type=Path,
+        metavar="SCENE",
+        help="a scene.json, a folder with one or with pictures, or a stereo video file",
+    )
+    add_options(parser.add_argument_group("input"), InputOptions)
+    output = parser.add_argument_group("output")
+    add_options(output, OutputOptions, aliases={"output": ("-o",), "quality": ("--crf",)})
+    output.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from what an interrupted run of the same job has finished",
+    )
+    add_options(parser.add_argument_group("method"), Settings)
+    _add_talk(parser)
+    parser.set_defaults(command=_run_run)
+
+
+def _add_probe(commands: Any) -> None:
+    from pipeline.job import InputOptions
+    from service.options import add_options
+
+    parser = commands.add_parser(
+        "probe",
+        help="print what is understood of a scene, and what is not",
+        description="Print what is understood of a scene: views, sizes, frames, depth, "
+        "calibration, the stereo pair; and what is not.",
+    )
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
+    add_options(parser, InputOptions, leave_out=("frames",))
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    _add_talk(parser)
+    parser.set_defaults(command=_run_probe)
+
+
+def _add_psf(commands: Any) -> None:
+    from pipeline.config import Settings
+    from pipeline.job import InputOptions
+    from service.options import add_options
+
+    parser = commands.add_parser(
+        "psf",
+        help="estimate the point spread function of a scene",
+        description="Estimate the point spread function (PSF) of a scene from itself, "
+        "and print the curve it was read from.",
+    )
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="picture of the curve to write (PNG)"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="JSON file to write the curve to")
+    add_options(parser, InputOptions)
+    add_options(
+        parser, Settings, leave_out=("psf", "psf_sigma", "solver", "sweeps", "residual_bound")
+    )
+    _add_talk(parser)
+    parser.set_defaults(command=_run_psf)
+
+
+def _add_evaluate(commands: Any) -> None:
+    from pipeline.config import MAGNIFICATIONS, Settings
+    from service.options import add_options
+
+    evaluate = commands.add_parser("evaluate", help="measure quality where the truth is known")
+    protocols = evaluate.add_subparsers(title="protocols", metavar="PROTOCOL", required=True)
+    parser = protocols.add_parser(
+        "set1",
+        help="degrade a real scene, super-resolve it, compare with the original",
+        description="Set 1: degrade a real scene with a known PSF and noise, super-resolve it "
+        "with every method, and compare the luma with the original.",
+    )
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
+    parser.add_argument(
+        "--magnification", choices=MAGNIFICATIONS, default="2",
+        help="K of the degradation, or K along x then y [times] (default: 2)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--psf-sigma", type=float, default=1.7, metavar="N",
+        help="σ of the Gaussian PSF [HR pixels] (default: 1.7)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--psf-support", type=int, default=7, metavar="N",
+        help="width of the PSF, odd [HR pixels] (default: 7)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--noise", type=float, default=0.0, metavar="N",
+        help="standard deviation of the noise added [grey levels] (default: 0)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="seed of the noise (default: 1)"
+    )
+    parser.add_argument(
+        "--frame", type=int, metavar="N", help="source frame number (default: the scene's first)"
+    )
+    parser.add_argument(
+        "--view", default="left", metavar="VIEW",
+        help="reference view: left, right, both, or a view id (default: left)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--methods", type=lambda text: tuple(text.split(",")), metavar="NAME,...",
+        help="methods to run (default: bicubic, lanczos, single-view, pocs, pocs-simplified, "
+        "default)",
+    )  # fmt: skip
+    parser.add_argument("--json", type=Path, metavar="FILE", help="JSON file to write as well")
+    add_options(
+        parser.add_argument_group("method"), Settings,
+        leave_out=("magnification", "sampling", "psf", "psf_sigma", "psf_support", "psf_per_layer"),
+    )  # fmt: skip
+    _add_talk(parser)
+    parser.set_defaults(command=_run_set1)
+
+
+def _add_demo(commands: Any) -> None:
+    parser = commands.add_parser(
+        "demo",
+        help="render a small scene, super-resolve it, show what it brings",
+        description="Render a small moving scene with eight cameras, super-resolve it, and write "
+        "a side-by-side video and a picture of before and after.",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("demo"), metavar="FOLDER",
+        help="folder to write to (default: demo)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--threads", type=int, default=0, metavar="N",
+        help="threads of the hot loops (0: one a core) [threads] (default: 0)",
+    )  # fmt: skip
+    _add_talk(parser)
+    parser.set_defaults(command=_run_demo)
+
+
+def _add_compile(commands: Any) -> None:
+    parser = commands.add_parser(
+        "compile",
+        help="compile the numeric kernels ahead, for a read-only installation",
+        description="Compile the numeric kernels into the cache folder (DEPTHSR_CACHE, or the "
+        "user's cache folder), so that no later run has to.",
+    )
+    _add_talk(parser)
+    parser.set_defaults(command=_run_compile)
+
+
+def _add_talk(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, warnings only")
+    parser.add_argument(
+        "-v", "--verbose", action="store_true", help="tracebacks of unexpected failures"
+    )
+
+
+def _run_run(arguments: argparse.Namespace) -> int:
+    from pipeline.config import Settings
+    from pipeline.job import InputOptions, Job, OutputOptions
+    from service.options import collect
+
+    given = collect(arguments, Settings)
+    job = Job(
+        scene=arguments.scene,
+        settings=Settings(**given),
+        magnification_is_default="magnification" not in given,
+        input=InputOptions(**collect(arguments, InputOptions)),
+        output=OutputOptions(**collect(arguments, OutputOptions)),
+    )
+    with _watching(arguments) as (stop, progress):
+        from pipeline.run import run_job
+
+        summary = run_job(job, on_event=progress, stop=stop, resume=arguments.resume)
+    if not arguments.quiet:
+        from service.progress import duration
+
+        where = ", ".join(str(path) for path in summary.written)
+        frames = "1 frame" if summary.frames == 1 else f"{summary.frames} frames"
+        _say(f"wrote {where}: {frames} in {duration(summary.seconds)}")
+        for remark in summary.report["remarks"]:
+            _say(f"  {remark}")
+    return EXIT_DONE
+
+
+def _run_probe(arguments: argparse.Namespace) -> int:
+    from pipeline.job import InputOptions
+    from pipeline.media.probe import describe, format_description
+    from pipeline.media.source import open_scene
+    from pipeline.report import strict_json
+    from service.options import collect
+
+    options = InputOptions(**collect(arguments, InputOptions))
+    with open_scene(
+        arguments.scene,
+        input_layout=options.input_layout,
+        left=options.left,
+        right=options.right,
+        views=options.views,
+    ) as source:
+        description = describe(source)
+    _say(strict_json(description) if arguments.json else format_description(description))
+    return EXIT_DONE
+
+
+def _run_psf(arguments: argparse.Namespace) -> int:
+    raise NotImplementedError("the PSF estimator is not there yet")
+
+
+def _run_set1(arguments: argparse.Namespace) -> int:
+    from pipeline.config import Settings
+    from pipeline.degradation import Degradation
+    from pipeline.evaluate import METHODS, evaluate_set1, format_table
+    from pipeline.media.files import check_writable, write_atomic
+    from pipeline.media.source import open_scene
+    from pipeline.report import strict_json, versions
+    from pipeline.threads import set_threads
+    from service.options import collect
+
+    along_x, _, along_y = arguments.magnification.partition("x")
+    degradation = Degradation(
+        magnification_x=int(along_x),
+        magnification_y=int(along_y or along_x),
+        psf_sigma=arguments.psf_sigma,
+        psf_support=arguments.psf_support,
+        noise_sigma=arguments.noise,
+        seed=arguments.seed,
+    )
+    given = collect(arguments, Settings)
+    for fixed in ("magnification", "psf_sigma", "psf_support"):
+        given.pop(fixed, None)
+    settings = Settings(**given)
+    set_threads(settings.threads)
+    if arguments.json is not None:
+        check_writable(arguments.json)
+    with open_scene(arguments.scene) as source, _watching(arguments) as (stop, progress):
+        info = source.info
+        number = info.frame_indices.start if arguments.frame is None else arguments.frame
+        if number not in info.frame_indices:
+            from pipeline.errors import ConfigurationError
+
+            raise ConfigurationError(
+                f"--frame: {number} is not within the scene's frames "
+                f"{info.frame_indices.start}:{info.frame_indices.stop}"
+            )
+        with stop.breakable():
+            views = {"left": (info.left,), "right": (info.right,), "both": (info.left, info.right)}
+            result = evaluate_set1(
+                source.read(number),
+                degradation,
+                scene=arguments.scene.resolve().name,
+                views=views.get(arguments.view, (arguments.view,)),
+                methods=arguments.methods or METHODS,
+                settings=settings,
+                on_method=lambda view_id, method: progress.note(f"{view_id}: {method}"),
+            )
+    if arguments.json is not None:
+        content = {"format": "depthsr-set1/1", "versions": versions(), **result.as_json()}
+        write_atomic(arguments.json, strict_json(content).encode())
+    _say(format_table(result))
+    return EXIT_DONE
+
+
+def _run_demo(arguments: argparse.Namespace) -> int:
+    from pipeline.config import Settings
+    from service.progress import duration
+
+    Settings(threads=arguments.threads)  # in range?
+    with _watching(arguments) as (stop, progress):
+        from pipeline.demo import format_demo, run_demo
+
+        result = run_demo(
+            arguments.output,
+            threads=arguments.threads,
+            on_event=progress,
+            on_note=progress.note,
+            stop=stop,
+        )
+    _say(format_demo(result))
+    _say(f"wrote {result.video} and {result.picture} in {duration(result.seconds)}")
+    return EXIT_DONE
+
+
+def _run_compile(arguments: argparse.Namespace) -> int:
+    from pipeline.compile_ahead import compile_kernels
+    from pipeline.threads import set_threads
+
+    set_threads(0)
+    with _watching(arguments) as (stop, progress), stop.breakable():
+        compile_kernels(progress.note)
+    _say(f"compiled into {os.environ['NUMBA_CACHE_DIR']}")
+    return EXIT_DONE
+
+
+def _run_version(arguments: argparse.Namespace) -> int:
+    from pipeline.report import versions
+
+    for name, version in versions().items():
+        _say(f"{name} {version}")
+    return EXIT_DONE
+
+
+@contextmanager
+def _watching(
+    arguments: argparse.Namespace,
+) -> Iterator[tuple[StopFlag, Progress]]:
+    """Show progress, and turn Ctrl-C and SIGTERM into an orderly end, while the body runs."""
+    from pipeline.events import Compiling
+    from pipeline.stop import StopFlag
+    from service.compile_notice import compile_notice
+    from service.progress import Progress
+
+    stop = StopFlag()
+    progress = Progress(quiet=arguments.quiet)
+
+    def ask(signum: int, frame: object) -> None:
+        for number in previous:  # a second signal ends the process at once
+            signal.signal(number, signal.SIG_DFL)
+        stop.from_signal()
+
+    previous = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with compile_notice(lambda: progress(Compiling())):
+            yield stop, progress
+    finally:
+        progress.close()
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text if text.endswith("\n") else text + "\n")
+
+
+def _version() -> str:
+    try:
+        return metadata.version("depthsr")
+    except metadata.PackageNotFoundError:
+        return "unknown (not installed)"

@@ -1,0 +1,105 @@
+"""Where compiled kernels are kept between runs; decided before numba is imported.
+
+numba reads ``NUMBA_CACHE_DIR`` once, when it is imported, so that this module
+must run first and must not import numba itself. numba uses no folder that it
+cannot write; a cache built ahead and installed read-only is therefore copied to
+where the user may write.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import MutableMapping
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class NumbaCache:
+    """The folder that holds the compiled kernels."""
+
+    folder: Path
+    kept: bool = True
+    """False where only a temporary folder could be had: it may not outlive this day."""
+
+    @property
+    def is_empty(self) -> bool:
+        """True where nothing has been compiled yet."""
+        return not self.folder.is_dir() or next(self.folder.rglob("*.nbi"), None) is None
+
+
+def user_folder(environment: MutableMapping[str, str]) -> Path:
+    """Return the user's own folder: XDG_CACHE_HOME/depthsr/numba or ~/.cache/depthsr/numba."""
+    shared = environment.get("XDG_CACHE_HOME")
+    home = environment.get("HOME")
+    base = Path(shared) if shared else (Path(home) if home else Path.home()) / ".cache"
+    return base / "depthsr" / "numba"
+
+
+def prepare_numba_cache(environment: MutableMapping[str, str] = os.environ) -> NumbaCache:
+    """Point numba at the cache folder; a ``NUMBA_CACHE_DIR`` that is set stays.
+
+    In this order: ``DEPTHSR_CACHE``/numba where it can be written, the user's
+    cache folder, a temporary folder. What a read-only ``DEPTHSR_CACHE`` holds is
+    copied to the folder chosen.
+    """
+    chosen = environment.get("NUMBA_CACHE_DIR")
+    if chosen:
+        return NumbaCache(folder=Path(chosen))
+    own = environment.get("DEPTHSR_CACHE")
+    built_ahead = Path(own) / "numba" if own else None
+    if built_ahead is not None and _can_write(built_ahead):
+        cache = NumbaCache(folder=built_ahead)
+    else:
+        cache = _user_cache(environment)
+        if built_ahead is not None:
+            _copy_missing(built_ahead, cache.folder)
+    environment["NUMBA_CACHE_DIR"] = str(cache.folder)
+    if environment is os.environ and "numba" in sys.modules:
+        # Too late for the variable: tell the module, which has read it already.
+        sys.modules["numba"].config.CACHE_DIR = str(cache.folder)
+    return cache
+
+
+def _user_cache(environment: MutableMapping[str, str]) -> NumbaCache:
+    folder = user_folder(environment)
+    if _can_write(folder):
+        return NumbaCache(folder=folder)
+    name = f"depthsr-numba-{os.getuid()}" if hasattr(os, "getuid") else "depthsr-numba"
+    folder = Path(tempfile.gettempdir()) / name
+    if not _can_write(folder) or not _is_ours(folder):
+        folder = Path(tempfile.mkdtemp(prefix="depthsr-numba-"))
+    return NumbaCache(folder=folder, kept=False)
+
+
+def _can_write(folder: Path) -> bool:
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _is_ours(folder: Path) -> bool:
+    """Return whether nobody else may put code there: compiled kernels are executed."""
+    if not hasattr(os, "getuid"):
+        return True
+    status = folder.lstat()
+    return status.st_uid == os.getuid() and not status.st_mode & 0o022
+
+
+def _copy_missing(source: Path, target: Path) -> None:
+    """Copy the files that are not there yet, each whole or not at all; never mind a failure."""
+    with contextlib.suppress(OSError):
+        for path in sorted(source.rglob("*.nb[ic]")):
+            copy = target / path.relative_to(source)
+            if not copy.exists():
+                copy.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+                half = copy.with_name(f"{copy.name}.{os.getpid()}.tmp")
+                shutil.copy2(path, half)
+                half.replace(copy)

@@ -1,0 +1,109 @@
+"""Command-line options made from the fields of the settings' dataclasses."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import types
+import typing
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from pipeline.config import option_name
+from pipeline.job import FrameRange
+
+Container = argparse.ArgumentParser | argparse._ArgumentGroup
+
+
+def add_options(
+    parser: Container,
+    kind: type,
+    *,
+    leave_out: Iterable[str] = (),
+    aliases: dict[str, tuple[str, ...]] | None = None,
+) -> None:
+    """Add one option for every field of a dataclass; an option not given is not set.
+
+    Parameters
+    ----------
+    parser : argument parser or group
+        Where the options go.
+    kind : type
+        A dataclass whose fields were made by :func:`pipeline.config.setting`.
+    leave_out : iterable of str
+        Fields that get no option here.
+    aliases : dict
+        Further spellings by field name.
+    """
+    hints = typing.get_type_hints(kind)
+    for item in dataclasses.fields(kind):
+        if item.name in leave_out:
+            continue
+        names = (*(aliases or {}).get(item.name, ()), option_name(item.name))
+        if hints[item.name] is bool:
+            parser.add_argument(
+                *names, dest=item.name, action="store_true", default=argparse.SUPPRESS,
+                help=_help(item),
+            )  # fmt: skip
+            continue
+        choices = item.metadata["choices"]
+        parser.add_argument(
+            *names,
+            dest=item.name,
+            default=argparse.SUPPRESS,
+            type=_reader(hints[item.name]),
+            choices=choices or None,
+            metavar=None if choices else _metavar(item),
+            help=_help(item),
+        )
+
+
+def collect(arguments: argparse.Namespace, kind: type) -> dict[str, Any]:
+    """Return the options of a dataclass that were given."""
+    names = [item.name for item in dataclasses.fields(kind)]
+    return {name: getattr(arguments, name) for name in names if hasattr(arguments, name)}
+
+
+def _reader(hint: Any) -> Callable[[str], Any]:
+    """Return what makes a value of the annotated type out of the text of an option."""
+    if isinstance(hint, types.UnionType):
+        hint = next(part for part in typing.get_args(hint) if part is not type(None))
+    if typing.get_origin(hint) is tuple:
+        return _names
+    if hint is FrameRange:
+        return FrameRange.parse
+    readers: dict[Any, Callable[[str], Any]] = {int: int, float: _number, str: str, Path: Path}
+    return readers[hint]
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if value != value or value in (float("inf"), float("-inf")):
+        raise ValueError(text)
+    return value
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(","))
+
+
+_number.__name__ = "number"  # argparse says "invalid number value"
+
+
+def _metavar(item: dataclasses.Field) -> str:
+    kinds = {
+        "views": "ID,ID,...", "left": "ID", "right": "ID", "frames": "A:B", "output": "FILE",
+        "report": "FILE", "frames_dir": "FOLDER", "debug_dir": "FOLDER", "codec": "NAME",
+    }  # fmt: skip
+    return kinds.get(item.name, "N")
+
+
+def _help(item: dataclasses.Field) -> str:
+    text = item.metadata["help"]
+    unit = item.metadata["unit"]
+    if unit:
+        text += f" [{unit}]"
+    if item.default not in (None, False, FrameRange()) and "(default" not in text:
+        text += f" (default: {item.default})"
+    return text.replace("%", "%%")

@@ -1,0 +1,52 @@
+"""What all tests share: the real scenes, the seed of hypothesis, the guard against ERROR logs."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+from service.numba_cache import prepare_numba_cache
+
+prepare_numba_cache()  # before anything imports numba
+
+hypothesis.settings.register_profile(
+    "depthsr",
+    deadline=None,  # the first example may compile
+    derandomize=True,  # the same examples everywhere
+    max_examples=25,
+)
+hypothesis.settings.load_profile("depthsr")
+
+
+@pytest.fixture(scope="session")
+def scenes_dir() -> Path:
+    """Folder of the real scenes: DEPTHSR_SCENES. Without it: skipped; under CI=true: failed."""
+    named = os.environ.get("DEPTHSR_SCENES", "")
+    if named and Path(named).is_dir():
+        return Path(named)
+    reason = (
+        f"DEPTHSR_SCENES={named}: there is no such folder"
+        if named
+        else "DEPTHSR_SCENES is not set: it names the folder of the real scenes"
+    )
+    if os.environ.get("CI") == "true":
+        pytest.fail(reason, pytrace=False)
+    pytest.skip(reason)
+
+
+@pytest.fixture(autouse=True)
+def no_error_logs(caplog: pytest.LogCaptureFixture) -> Iterator[None]:
+    """Fail a test that logged an ERROR."""
+    yield
+    errors = [
+        record.getMessage()
+        for phase in ("setup", "call")
+        for record in caplog.get_records(phase)
+        if record.levelno >= logging.ERROR
+    ]
+    assert not errors, f"logged as ERROR: {errors}"

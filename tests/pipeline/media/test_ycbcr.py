@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.media.ycbcr import YcbcrMatrix, matrix_for, to_yuv420
+
+COLOURS = np.array(
+    [
+        (0, 0, 0),
+        (255, 255, 255),
+        (255, 0, 0),
+        (0, 255, 0),
+        (0, 0, 255),
+        (220, 40, 60),
+        (17, 99, 203),
+    ]
+)
+
+PRIMARIES = {
+    # Y'CbCr code values of white, red, green and blue, 8 bits (ITU-R BT.601-7 and BT.709-6).
+    YcbcrMatrix.BT601: {1: (235, 128, 128), 2: (81, 90, 240), 3: (145, 54, 34), 4: (41, 240, 110)},
+    YcbcrMatrix.BT709: {1: (235, 128, 128), 2: (63, 102, 240), 3: (173, 42, 26), 4: (32, 240, 118)},
+}
+
+
+def patch(colour: np.ndarray, dtype: type = np.uint8) -> np.ndarray:
+    scale = 257 if dtype == np.uint16 else 1
+    return np.broadcast_to(colour * scale, (6, 10, 3)).astype(dtype)
+
+
+def to_rgb(code: np.ndarray, matrix: YcbcrMatrix, bits: int) -> np.ndarray:
+    """Return RGB 0..255 by the standard's own formulas, the other way round."""
+    red, blue = matrix.value.red, matrix.value.blue
+    y, cb, cr = code / 2.0 ** (bits - 8)
+    luma, blue_difference, red_difference = (y - 16) / 219, (cb - 128) / 224, (cr - 128) / 224
+    r = luma + 2 * (1 - red) * red_difference
+    b = luma + 2 * (1 - blue) * blue_difference
+    g = (luma - red * r - blue * b) / (1 - red - blue)
+    return 255 * np.array([r, g, b])
+
+
+@pytest.mark.parametrize("matrix", list(YcbcrMatrix))
+def test_primaries_get_the_code_values_of_the_standard(matrix):
+    for index, expected in PRIMARIES[matrix].items():
+        planes = to_yuv420(patch(COLOURS[index]), matrix, coded_bits=8)
+        found = [int(plane[0, 0]) for plane in planes]
+        assert np.abs(np.subtract(found, expected)).max() <= 1, (index, found)
+
+
+@pytest.mark.parametrize("matrix", list(YcbcrMatrix))
+@pytest.mark.parametrize(("dtype", "bits", "tolerance"), [(np.uint8, 8, 1.6), (np.uint16, 10, 0.5)])
+def test_colours_come_back_by_the_inverse_formula(matrix, dtype, bits, tolerance):
+    for colour in COLOURS:
+        planes = to_yuv420(patch(colour, dtype), matrix, coded_bits=bits)
+        code = np.array([plane[1, 2] for plane in planes], float)
+        np.testing.assert_allclose(to_rgb(code, matrix, bits), colour, atol=tolerance)
+
+
+def test_16_bit_pictures_can_be_coded_with_8_bits():
+    colour = COLOURS[5]
+    narrow = to_yuv420(patch(colour), YcbcrMatrix.BT709, coded_bits=8)
+    wide = to_yuv420(patch(colour, np.uint16), YcbcrMatrix.BT709, coded_bits=8)
+
+    for ours, theirs in zip(wide, narrow, strict=True):
+        assert ours.dtype == np.uint8
+        assert np.abs(ours.astype(int) - theirs).max() <= 1
+
+
+@pytest.mark.parametrize(("dtype", "bits"), [(np.uint8, 8), (np.uint16, 8), (np.uint16, 10)])
+def test_grey_has_neutral_chroma_and_the_whole_limited_range(dtype, bits):
+    ramp = np.tile(np.linspace(0, np.iinfo(dtype).max, 24).astype(dtype), (4, 1))
+
+    luma, *chroma = to_yuv420(ramp, YcbcrMatrix.BT601, coded_bits=bits)
+
+    scale = 2 ** (bits - 8)
+    assert (luma[0, 0], luma[0, -1]) == (16 * scale, 235 * scale)
+    assert (np.diff(luma[0].astype(int)) > 0).all()
+    for plane in chroma:
+        assert plane.shape == (2, 12)
+        assert (plane == 128 * scale).all()
+
+
+def test_chroma_sits_on_even_columns_and_between_rows():
+    picture = np.zeros((4, 12, 3), np.uint8)
+    picture[:, 6:, 2] = 255  # blue from column 6 on
+
+    _, blue_difference, _ = to_yuv420(picture, YcbcrMatrix.BT709, coded_bits=8)
+
+    # Column 6 is the first blue one: its sample, at index 3, takes a quarter from column 5.
+    row = blue_difference[0].astype(float)
+    assert row[2] == 128
+    assert row[4] == 240
+    assert row[3] == pytest.approx(128 + 0.75 * 112, abs=1)
+
+
+def test_the_matrix_goes_by_the_number_of_lines():
+    assert matrix_for(719) is YcbcrMatrix.BT601
+    assert matrix_for(720) is YcbcrMatrix.BT709

@@ -1,0 +1,410 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+import threading
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.baselines import bicubic
+from pipeline.config import Settings
+from pipeline.errors import ConfigurationError, Interrupted, OutputError, SceneError
+from pipeline.events import FrameFinished, JobFinished, JobStarted, SegmentFinished, Warned
+from pipeline.frames import MultiViewFrame, View
+from pipeline.job import FrameRange, InputOptions, Job, OutputOptions, cut_segments
+from pipeline.media.source import MemorySource
+from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
+from pipeline.run import Tools, check_outputs, run_job
+from pipeline.sink import MemorySink
+from pipeline.stop import StopFlag
+
+FIRST_FRAME = 5
+
+
+def _frames(count: int, *, views: int = 3, height: int = 12, width: int = 18) -> list:
+    rng = np.random.default_rng(4)
+    return [
+        MultiViewFrame(
+            frame_index=FIRST_FRAME + number,
+            views=tuple(
+                View(
+                    view_id=f"cam{view}",
+                    luma=rng.integers(0, 256, (height, width)).astype(np.float32),
+                    depth_is_estimated=view == 1,
+                    depth_map=np.ones((height, width), np.float32) if view else None,
+                )
+                for view in range(views)
+            ),
+            left="cam0",
+            right="cam1",
+        )
+        for number in range(count)
+    ]
+
+
+def enlarge(frame, settings, *, targets, observed_views=None, keep_intermediates=False):
+    """A super-resolution that costs nothing: bicubic."""
+    images = {
+        view_id: SuperResolvedImage(
+            view_id=view_id, luma=bicubic(frame.view(view_id).luma, settings.grid)
+        )
+        for view_id in targets
+    }
+    report = FrameReport(
+        frame_index=frame.frame_index,
+        noise_sigma=float("nan"),
+        noise_is_estimated=True,
+        psf_sigma=1.0,
+        psf_support=7,
+        psf_is_estimated=False,
+        targets=(),
+        timings={"reconstruction": 0.25},
+        warnings=("the same warning every time",),
+    )
+    return FrameResult(frame_index=frame.frame_index, images=images, report=report)
+
+
+def _tools(frames, *, sinks: list | None = None, pixel_aspect=Fraction(1), **other) -> Tools:
+    def open_scene(path, *, views=None, **_):
+        source = MemorySource(frames, path=str(path), pixel_aspect=pixel_aspect)
+        if views is not None:
+            source.info = dataclasses.replace(source.info, view_ids=tuple(views))
+        return source
+
+    def make_sink(plan):
+        sink = MemorySink(plan)
+        (sinks if sinks is not None else []).append(sink)
+        return sink
+
+    parts = {"open_scene": open_scene, "superresolve": enlarge, "make_sink": make_sink, **other}
+    return Tools(**parts)
+
+
+def _job(folder: Path, **options) -> Job:
+    scene = folder / "scene.json"
+    if not scene.exists():
+        scene.write_text("{}")
+    settings = options.pop("settings", Settings())
+    names = {field.name for field in dataclasses.fields(InputOptions)}
+    given = {name: options.pop(name) for name in list(options) if name in names}
+    output = OutputOptions(**{"output": folder / "out.mkv", "segment_length": 2, **options})
+    return Job(scene=scene, settings=settings, input=InputOptions(**given), output=output)
+
+
+def _numbers(path: Path) -> list[int]:
+    return [int(line) for line in path.read_text().split()]
+
+
+def test_all_frames_come_out_in_order_and_the_work_folder_is_gone(tmp_path):
+    events, sinks = [], []
+    job = _job(tmp_path, report=tmp_path / "report.json")
+    summary = run_job(job, on_event=events.append, tools=_tools(_frames(5), sinks=sinks))
+    assert _numbers(tmp_path / "out.mkv") == [5, 6, 7, 8, 9]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "out.mkv", "report.json", "scene.json",
+    ]  # fmt: skip
+    assert summary.frames == summary.frames_computed == 5
+    assert [type(event) for event in (events[0], events[-1])] == [JobStarted, JobFinished]
+    finished = [event.frame_index for event in events if isinstance(event, FrameFinished)]
+    assert finished == [5, 6, 7, 8, 9]
+    assert [event.index for event in events if isinstance(event, SegmentFinished)] == [0, 1, 2]
+    assert len([event for event in events if isinstance(event, Warned)]) == 1
+    assert sinks[0].plan.hr_shape == (24, 36)
+    assert list(sinks[0].results[0].images) == ["cam0", "cam1"]
+
+
+def test_report_is_strict_json_with_an_account_of_every_frame(tmp_path):
+    job = _job(tmp_path, report=tmp_path / "report.json")
+    run_job(job, tools=_tools(_frames(3)))
+    text = (tmp_path / "report.json").read_text()
+    assert "NaN" not in text
+    report = json.loads(text)
+    assert report["format"] == "depthsr-report/1"
+    assert [frame["frame_index"] for frame in report["frames"]] == [5, 6, 7]
+    assert report["frames"][0]["noise_sigma"] is None
+    assert report["frames"][0]["timings"]["reconstruction"] == 0.25
+    assert report["scene"]["depth"] == {"cam0": "none", "cam1": "estimated", "cam2": "given"}
+    assert report["settings"]["magnification"] == "2"
+    assert report["timings"]["reconstruction"] == pytest.approx(0.75)
+    assert {"decode", "encode", "join"} <= set(report["timings"])
+    assert report["run"]["peak_memory_mib"] > 1
+    assert report["warnings"] == ["the same warning every time"]
+    assert report["versions"]["numpy"] == np.__version__
+
+
+def test_only_the_frames_asked_for(tmp_path):
+    job = _job(tmp_path, frames=FrameRange.parse("6:9"))
+    run_job(job, tools=_tools(_frames(5)))
+    assert _numbers(tmp_path / "out.mkv") == [6, 7, 8]
+
+
+@pytest.mark.parametrize("text", ["4:7", "8:11", "11:"])
+def test_frames_that_are_not_there_are_refused(tmp_path, text):
+    job = _job(tmp_path, frames=FrameRange.parse(text))
+    with pytest.raises(ConfigurationError, match="not within the scene's frames 5:10"):
+        run_job(job, tools=_tools(_frames(5)))
+    assert not (tmp_path / "out.mkv").exists()
+
+
+def test_segments_are_the_same_whatever_their_length(tmp_path):
+    results = {}
+    for length in (1, 3, 32):
+        sinks: list[MemorySink] = []
+        job = _job(tmp_path, segment_length=length)
+        run_job(job, tools=_tools(_frames(4), sinks=sinks))
+        results[length] = [result.images["cam0"].luma for result in sinks[0].results]
+    for other in (3, 32):
+        np.testing.assert_array_equal(results[1], results[other])
+
+
+class _Dies:
+    """Superresolves a number of frames, then fails."""
+
+    def __init__(self, after: int, error: BaseException) -> None:
+        self.left, self.error = after, error
+
+    def __call__(self, *arguments, **options):
+        if self.left == 0:
+            raise self.error
+        self.left -= 1
+        return enlarge(*arguments, **options)
+
+
+def test_resumed_run_computes_only_what_is_missing(tmp_path):
+    job = _job(tmp_path)
+    with pytest.raises(RuntimeError, match="boom"):
+        run_job(job, tools=_tools(_frames(7), superresolve=_Dies(5, RuntimeError("boom"))))
+    folder = tmp_path / ".out.mkv.depthsr"
+    assert not (tmp_path / "out.mkv").exists()
+    kept = sorted(path.name for path in folder.glob("segment-*.json"))
+    assert kept in (["segment-000000.json"], ["segment-000000.json", "segment-000001.json"])
+    sinks: list[MemorySink] = []
+    events = []
+    summary = run_job(
+        job, resume=True, on_event=events.append, tools=_tools(_frames(7), sinks=sinks)
+    )
+    assert _numbers(tmp_path / "out.mkv") == [5, 6, 7, 8, 9, 10, 11]
+    assert summary.frames_computed == 7 - 2 * len(kept)
+    assert len(sinks[0].results) == summary.frames_computed
+    assert events[0].frames_done == 2 * len(kept)
+    assert [frame["frame_index"] for frame in summary.report["frames"]] == list(range(5, 12))
+    assert not folder.exists()
+
+
+def test_without_resume_old_work_is_discarded(tmp_path):
+    job = _job(tmp_path)
+    with pytest.raises(RuntimeError):
+        run_job(job, tools=_tools(_frames(7), superresolve=_Dies(5, RuntimeError("boom"))))
+    assert run_job(job, tools=_tools(_frames(7))).frames_computed == 7
+
+
+def test_a_segment_whose_file_is_gone_is_computed_again(tmp_path):
+    job = _job(tmp_path)
+    with pytest.raises(RuntimeError):
+        run_job(job, tools=_tools(_frames(7), superresolve=_Dies(6, RuntimeError("boom"))))
+    (tmp_path / ".out.mkv.depthsr" / "segment-000000.txt").unlink()
+    run_job(job, resume=True, tools=_tools(_frames(7)))
+    assert _numbers(tmp_path / "out.mkv") == [5, 6, 7, 8, 9, 10, 11]
+
+
+def test_resuming_another_job_is_refused_and_says_what_differs(tmp_path):
+    with pytest.raises(RuntimeError):
+        run_job(
+            _job(tmp_path), tools=_tools(_frames(7), superresolve=_Dies(5, RuntimeError("boom")))
+        )
+    other = _job(tmp_path, settings=Settings(noise_sigma=3))
+    with pytest.raises(OutputError, match="noise_sigma was None, is 3") as caught:
+        run_job(other, resume=True, tools=_tools(_frames(7)))
+    assert caught.value.exit_status == 2
+    again = _job(tmp_path, settings=Settings(threads=2))  # changes no result
+    assert run_job(again, resume=True, tools=_tools(_frames(7))).frames == 7
+
+
+def test_resuming_over_a_changed_scene_is_refused(tmp_path):
+    with pytest.raises(RuntimeError):
+        run_job(
+            _job(tmp_path), tools=_tools(_frames(7), superresolve=_Dies(5, RuntimeError("boom")))
+        )
+    job = _job(tmp_path)
+    job.scene.write_text('{"changed": true}')
+    with pytest.raises(OutputError, match="scene's files"):
+        run_job(job, resume=True, tools=_tools(_frames(7)))
+
+
+def test_stop_flag_ends_the_job_and_keeps_finished_segments(tmp_path):
+    stop, events = StopFlag(), []
+
+    def on_event(event):
+        events.append(event)
+        if isinstance(event, SegmentFinished):
+            stop.set()
+
+    job = _job(tmp_path, segment_length=1)
+    with pytest.raises(Interrupted):
+        run_job(job, stop=stop, on_event=on_event, tools=_tools(_frames(200)))
+    assert not (tmp_path / "out.mkv").exists()
+    assert list((tmp_path / ".out.mkv.depthsr").glob("segment-*.json"))
+    assert run_job(job, resume=True, tools=_tools(_frames(200))).frames_computed < 200
+    assert _numbers(tmp_path / "out.mkv") == list(range(5, 205))
+
+
+def test_a_signal_breaks_off_a_long_computation(tmp_path):
+    stop = StopFlag()
+
+    def endless(*_, **__):
+        stop.from_signal()  # as the handler does, in the main thread, amid the computation
+        raise AssertionError("went on")
+
+    with pytest.raises(Interrupted):
+        run_job(_job(tmp_path), stop=stop, tools=_tools(_frames(3), superresolve=endless))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.json"]
+
+
+def test_no_thread_outlives_a_job(tmp_path):
+    before = set(threading.enumerate())
+    with pytest.raises(RuntimeError):
+        run_job(
+            _job(tmp_path), tools=_tools(_frames(9), superresolve=_Dies(1, RuntimeError("boom")))
+        )
+    left = [t for t in set(threading.enumerate()) - before if t.name.startswith("depthsr-")]
+    assert left == []
+
+
+def test_reader_and_writer_errors_reach_the_caller(tmp_path):
+    class Broken(MemorySource):
+        def read(self, frame_index):
+            if frame_index == 7:
+                raise SceneError("cut short", path="x.png", view="cam1", frame=7)
+            return super().read(frame_index)
+
+    tools = _tools(_frames(6), open_scene=lambda path, **_: Broken(_frames(6)))
+    with pytest.raises(SceneError, match=r"x.png, view 'cam1', frame 7: cut short"):
+        run_job(_job(tmp_path), tools=tools)
+
+    class Full(MemorySink):
+        def write_segment(self, segment, stem, results):
+            next(iter(results))
+            raise OutputError("out.mkv: cannot be written: the disk is full")
+
+    with pytest.raises(OutputError, match="disk is full"):
+        run_job(_job(tmp_path), tools=_tools(_frames(30), make_sink=Full))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.json"]
+
+
+def test_an_eye_that_is_not_observed_is_not_written(tmp_path):
+    sinks: list[MemorySink] = []
+    run_job(_job(tmp_path, views=("cam1", "cam2")), tools=_tools(_frames(1), sinks=sinks))
+    assert sinks[0].plan.targets == ("cam1",)
+    assert sinks[0].plan.options.layout == "right"
+    assert sinks[0].plan.picture_names == {"cam1": "right"}
+    with pytest.raises(ConfigurationError, match="no eye to write"):
+        run_job(_job(tmp_path, views=("cam2",)), tools=_tools(_frames(1)))
+    with pytest.raises(ConfigurationError, match=r"not 'cam0' \(left\)"):
+        run_job(_job(tmp_path, views=("cam1",), layout="left"), tools=_tools(_frames(1)))
+
+
+def test_layout_views_writes_every_observed_view(tmp_path):
+    sinks: list[MemorySink] = []
+    job = _job(tmp_path, views=("cam0", "cam2"), layout="views")
+    run_job(job, tools=_tools(_frames(1), sinks=sinks))
+    assert sinks[0].plan.targets == ("cam0", "cam2")
+    assert sinks[0].plan.picture_names == {"cam0": "cam0", "cam2": "cam2"}
+
+
+@pytest.mark.parametrize(
+    ("aspect", "is_default", "expected"),
+    [
+        (Fraction(2), True, (12, 36)),
+        (Fraction(1, 2), True, (24, 18)),
+        (Fraction(2), False, (24, 36)),
+        (Fraction(1), True, (24, 36)),
+    ],
+)
+def test_halved_eyes_are_restored_unless_told_otherwise(tmp_path, aspect, is_default, expected):
+    sinks: list[MemorySink] = []
+    job = dataclasses.replace(_job(tmp_path), magnification_is_default=is_default)
+    run_job(job, tools=_tools(_frames(1), sinks=sinks, pixel_aspect=aspect))
+    assert sinks[0].plan.hr_shape == expected
+    assert sinks[0].results[0].images["cam0"].luma.shape == expected
+
+
+def test_outputs_are_checked_before_the_scene_is_opened(tmp_path):
+    def never(*_, **__):
+        raise AssertionError("the scene was opened")
+
+    cases = {
+        "there is no folder": {"output": tmp_path / "missing" / "out.mkv"},
+        "it is a folder": {"output": tmp_path},
+        "named for the video and for the report": {"report": tmp_path / "out.mkv"},
+        "would overwrite the scene": {"report": tmp_path / "scene.json"},
+        "not a folder": {"frames_dir": tmp_path / "scene.json"},
+    }
+    for said, options in cases.items():
+        with pytest.raises(OutputError, match=said):
+            run_job(_job(tmp_path, **options), tools=_tools([], open_scene=never))
+
+
+def test_two_runs_of_one_output_do_not_mix(tmp_path):
+    def second(*arguments, **options):
+        with pytest.raises(OutputError, match="another run is writing"):
+            run_job(_job(tmp_path), tools=_tools(_frames(2)))
+        return enlarge(*arguments, **options)
+
+    run_job(_job(tmp_path), tools=_tools(_frames(2), superresolve=second))
+    assert _numbers(tmp_path / "out.mkv") == [5, 6]
+
+
+def test_pictures_carry_source_frame_numbers_and_the_values_computed(tmp_path):
+    """With the real sink: lossless PNG, and a resumed run that misses one of them."""
+    frames = _frames(3)
+    tools = Tools(open_scene=lambda path, **_: MemorySource(frames), superresolve=enlarge)
+    folder = tmp_path / "pictures"
+    run_job(_job(tmp_path, output=None, frames_dir=folder), tools=tools)
+    names = sorted(path.name for path in folder.iterdir())
+    assert names == [f"{eye}-00000{n}.png" for eye in ("left", "right") for n in (5, 6, 7)]
+    picture = cv2.imread(str(folder / "right-000006.png"), cv2.IMREAD_UNCHANGED)
+    expected = np.clip(np.rint(bicubic(frames[1].view("cam1").luma, Settings().grid)), 0, 255)
+    np.testing.assert_array_equal(picture, expected)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["pictures", "scene.json"]
+
+
+def test_interrupted_and_resumed_video_is_the_same_file(tmp_path):
+    """With the real sink: bytes of an undisturbed run, of a resumed one, and of all views."""
+    frames = _frames(5)
+    for layout, names in (("sbs", ["out.mkv"]), ("views", ["out.cam0.mkv", "out.cam2.mkv"])):
+        bytes_of = {}
+        for way in ("straight", "resumed"):
+            folder = tmp_path / layout / way
+            folder.mkdir(parents=True)
+            job = _job(folder, layout=layout)
+            if way == "resumed":
+                broken = Tools(
+                    open_scene=lambda path, **_: MemorySource(frames),
+                    superresolve=_Dies(3, RuntimeError("boom")),
+                )
+                with pytest.raises(RuntimeError):
+                    run_job(job, tools=broken)
+                assert not list(folder.glob("out*"))
+            tools = Tools(open_scene=lambda path, **_: MemorySource(frames), superresolve=enlarge)
+            run_job(job, resume=True, tools=tools)
+            bytes_of[way] = [(folder / name).read_bytes() for name in names]
+        assert bytes_of["straight"] == bytes_of["resumed"]
+        assert all(len(content) > 500 for content in bytes_of["resumed"])
+
+
+def test_segments_cover_the_frames_without_overlap():
+    segments = cut_segments(range(3, 100), 32)
+    covered = [n for segment in segments for n in range(segment.start, segment.stop)]
+    assert covered == list(range(3, 100))
+    assert [len(segment) for segment in segments] == [32, 32, 32, 1]
+
+
+def test_output_must_be_named(tmp_path):
+    with pytest.raises(ConfigurationError, match="nothing to write"):
+        OutputOptions()
+    check_outputs(_job(tmp_path))
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]

@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import threading
+
+import cv2
+import pytest
+
+from pipeline.threads import available_cores, map_threads, set_threads, thread_count
+
+
+@pytest.fixture(autouse=True)
+def restore_threads():
+    yield
+    set_threads(0)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_results_come_in_the_order_of_the_items(threads):
+    set_threads(threads)
+    gates = [threading.Event() for _ in range(threads)]
+
+    def last_first(number: int) -> int:
+        """The first items of a batch end only after the last has begun."""
+        gates[number % threads].set()
+        gates[-1 if number < threads - 1 else number % threads].wait(5)
+        return number * number
+
+    assert map_threads(last_first, range(threads)) == [n * n for n in range(threads)]
+
+
+def test_set_threads_reaches_opencv_and_zero_means_all():
+    assert set_threads(3) == thread_count() == 3
+    assert cv2.getNumThreads() == 3
+    assert set_threads(0) == available_cores()
+
+
+def test_nested_use_neither_deadlocks_nor_multiplies():
+    set_threads(2)
+    names = set()
+
+    def inner(number: int) -> int:
+        names.add(threading.current_thread().name)
+        return number
+
+    result = map_threads(lambda n: sum(map_threads(inner, range(n))), range(8))
+    assert result == [sum(range(n)) for n in range(8)]
+    assert len(names) <= 2
+
+
+def test_the_first_failure_is_raised():
+    set_threads(2)
+
+    def fail(number: int) -> int:
+        if number >= 3:
+            raise ValueError(f"item {number}")
+        return number
+
+    with pytest.raises(ValueError, match="item 3"):
+        map_threads(fail, range(6))
+    assert map_threads(fail, range(3)) == [0, 1, 2]
+
+
+def test_a_limit_below_the_pool_is_kept():
+    set_threads(4)
+    running, most = [], []
+
+    def busy(number: int) -> None:
+        running.append(number)
+        most.append(len(running))
+        running.remove(number)
+
+    map_threads(busy, range(40), threads=2)
+    assert max(most) <= 2
+    assert len(most) == 40

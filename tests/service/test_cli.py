@@ -1,0 +1,245 @@
+"""The command as a user meets it: real processes, their files, their exit status."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+HEIGHT, WIDTH = 22, 34
+PATIENCE = 120.0
+"""Seconds until a process counts as hung; the first one may compile."""
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> Path:
+    """A moving scene of two views, 16 frames."""
+    folder = tmp_path_factory.mktemp("scene")
+    rng = np.random.default_rng(3)
+    wall = cv2.GaussianBlur(rng.uniform(0, 255, (HEIGHT, WIDTH + 60)), (0, 0), 1.2)
+    wall = cv2.normalize(wall, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    for view, shift in (("a", 4), ("b", 0)):
+        (folder / view).mkdir()
+        for number in range(16):
+            picture = wall[:, shift + number : shift + number + WIDTH]
+            cv2.imwrite(str(folder / view / f"color-{number:03d}.png"), picture)
+        cv2.imwrite(str(folder / view / "depth.png"), np.full((HEIGHT, WIDTH), 40, np.uint8))
+    manifest = {
+        "format": "depthsr-scene/1",
+        "fps": "12/1",
+        "frame_count": 16,
+        "views": [
+            {"id": view, "color": f"{view}/color-%03d.png", "depth": f"{view}/depth-%03d.png"}
+            for view in "ab"
+        ],
+        "depth": {"kind": "disparity", "scale": 0.1, "offset": 0, "unknown": None},
+    }
+    for view in "ab":
+        depth = (folder / view / "depth.png").read_bytes()
+        for number in range(16):
+            (folder / view / f"depth-{number:03d}.png").write_bytes(depth)
+        (folder / view / "depth.png").unlink()
+    (folder / "scene.json").write_text(json.dumps(manifest))
+    return folder
+
+
+def _start(*arguments: object, **options) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, "-m", "service", *map(str, arguments)],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options,
+    )  # fmt: skip
+
+
+def depthsr(*arguments: object, **options) -> subprocess.CompletedProcess:
+    process = _start(*arguments, **options)
+    out, err = process.communicate(timeout=PATIENCE)
+    return subprocess.CompletedProcess(arguments, process.returncode, out, err)
+
+
+def _is_one_error_line(text: str, said: str) -> bool:
+    lines = text.splitlines()
+    return len(lines) == 1 and lines[0].startswith("depthsr: error: ") and said in lines[0]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(scene, tmp_path_factory) -> Path:
+    """What a run that nobody disturbs writes."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    done = depthsr("run", scene, "-o", folder / "out.mkv", "--segment-length", 1)
+    assert done.returncode == 0, done.stderr
+    return folder / "out.mkv"
+
+
+def test_run_writes_video_pictures_and_report(scene, tmp_path):
+    done = depthsr(
+        "run", scene, "-o", tmp_path / "out.mp4", "--frames-dir", tmp_path / "frames",
+        "--report", tmp_path / "report.json", "--frames", "3:5", "--magnification", "3",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "wrote" in done.stdout
+    names = sorted(path.name for path in (tmp_path / "frames").iterdir())
+    assert names == ["left-000003.png", "left-000004.png", "right-000003.png", "right-000004.png"]
+    picture = cv2.imread(str(tmp_path / "frames" / "left-000003.png"), cv2.IMREAD_UNCHANGED)
+    assert picture.shape == (3 * HEIGHT, 3 * WIDTH)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert [frame["frame_index"] for frame in report["frames"]] == [3, 4]
+    assert report["output"]["hr_width"] == 3 * WIDTH
+    assert (tmp_path / "out.mp4").stat().st_size > 1000
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["frames", "out.mp4", "report.json"]
+
+
+def test_quiet_says_nothing(scene, tmp_path):
+    done = depthsr("run", scene, "-q", "-o", tmp_path / "out.mkv", "--frames", ":1")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--magnification", "0"], "--magnification"),
+        (["--psf-support", "4"], "--psf-support: must be an odd number"),
+        (["--psf-sigma", "nan"], "--psf-sigma"),
+        (["--threads", "many"], "--threads"),
+        (["--frames", "9:3"], "holds no frame"),
+        (["--frames", "0:17"], "not within the scene's frames 0:16"),
+        (["--frames", "x"], "not a range"),
+        (["--views", "a,z"], "'z'"),
+        (["--views", "a,a"], "twice"),
+        (["--left", "z"], "'z'"),
+        (["--left", "a", "--right", "a"], "both are 'a'"),
+        (["--codec", "ffv1", "-o", "{folder}/out.mp4"], "ffv1"),
+        (["-o", "{folder}/out.gif"], ".gif"),
+        (["-o", "{folder}/missing/out.mkv"], "there is no folder"),
+        (["-o", "{folder}"], "it is a folder"),
+        (["--no-such-option"], "--no-such-option"),
+    ],
+)
+def test_bad_usage_is_status_2_and_one_line(scene, tmp_path, options, said):
+    options = [option.replace("{folder}", str(tmp_path)) for option in options]
+    if "-o" not in options:
+        options += ["-o", str(tmp_path / "out.mkv")]
+    done = depthsr("run", scene, *options)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert _is_one_error_line(done.stderr, said), done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bad_input_is_status_2_and_one_line(tmp_path):
+    for path, said in ((tmp_path / "nowhere", "nowhere"), (tmp_path, str(tmp_path))):
+        done = depthsr("run", path, "-o", tmp_path / "out.mkv", "-v")
+        assert done.returncode == 2
+        assert _is_one_error_line(done.stderr, said), done.stderr
+
+
+def test_no_command_and_no_output_are_usage_errors(scene):
+    done = depthsr()
+    assert done.returncode == 2
+    assert _is_one_error_line(done.stderr, "COMMAND")
+    done = depthsr("run", scene)
+    assert done.returncode == 2
+    assert _is_one_error_line(done.stderr, "nothing to write")
+
+
+def test_help_names_every_setting_with_its_unit():
+    text = depthsr("run", "--help", env={**os.environ, "COLUMNS": "300"}).stdout
+    for option in (
+        "--magnification", "--sampling", "--psf", "--psf-sigma", "--psf-support", "--noise-sigma",
+        "--layers", "--subregions", "--weight-threshold", "--depth-threshold",
+        "--residual-threshold", "--views", "--left", "--right", "--frames", "--input-layout",
+        "--threads", "--layout", "--codec", "--quality", "--crf", "--frames-dir", "--report",
+        "--debug-dir", "--resume", "--segment-length", "--output", "--solver", "--registration",
+        "--sweeps", "--residual-bound", "--chroma", "--quiet", "--verbose",
+    ):  # fmt: skip
+        assert option in text
+    for unit in ("[HR pixels]", "[grey levels]", "[frames]", "[threads]", "[times]"):
+        assert unit in text
+
+
+def test_help_is_fast_and_imports_nothing_heavy():
+    program = (
+        "import sys\nfrom service.cli import make_parser\nmake_parser().format_help()\n"
+        "print([name for name in ('numpy', 'cv2', 'av', 'numba', 'scipy') if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_version():
+    done = depthsr("--version")
+    assert (done.returncode, done.stdout.split()[0]) == (0, "depthsr")
+    assert "numpy" in depthsr("version").stdout
+
+
+def _wait_for_segments(folder: Path, process: subprocess.Popen, count: int) -> None:
+    """Return when that many segments are finished; fail if the process ends before."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        if len(list(folder.glob(".out.mkv.depthsr/segment-*.json"))) >= count:
+            return
+        assert process.poll() is None, process.communicate()[1]
+        time.sleep(0.002)
+    pytest.fail("no segment came about")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_interrupted_and_resumed_run_ends_with_the_same_bytes(scene, undisturbed, tmp_path, number):
+    options = ("run", scene, "-o", tmp_path / "out.mkv", "--segment-length", 1)
+    process = _start(*options)
+    _wait_for_segments(tmp_path, process, 2)
+    begin = time.monotonic()
+    process.send_signal(number)
+    _, err = process.communicate(timeout=PATIENCE)
+    seconds = time.monotonic() - begin
+    assert not (tmp_path / "out.mkv").exists()
+    assert list(tmp_path.glob(".out.mkv.depthsr/segment-*.json"))
+    if number == signal.SIGKILL:
+        assert process.returncode == -signal.SIGKILL
+    else:
+        assert process.returncode == 130
+        assert err.splitlines()[-1].startswith("depthsr: interrupted")
+        assert "Traceback" not in err
+        assert seconds < 5
+    done = depthsr(*options, "--resume")
+    assert done.returncode == 0, done.stderr
+    assert "done before" in done.stderr
+    assert (tmp_path / "out.mkv").read_bytes() == undisturbed.read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == ["out.mkv"]
+
+
+def test_threads_do_not_change_the_bytes(scene, undisturbed, tmp_path):
+    done = depthsr("run", scene, "-o", tmp_path / "out.mkv", "--segment-length", 1, "--threads", 1)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out.mkv").read_bytes() == undisturbed.read_bytes()
+
+
+def test_probe_prints_the_views(scene):
+    done = depthsr("probe", scene)
+    assert done.returncode == 0, done.stderr
+    assert f"{WIDTH}×{HEIGHT}" in done.stdout
+    described = json.loads(depthsr("probe", scene, "--json").stdout)
+    assert described
+
+
+def test_set1_of_a_real_scene(scenes_dir, tmp_path):
+    done = depthsr(
+        "evaluate", "set1", scenes_dir / "art", "--psf-sigma", 1.0, "--noise", 2,
+        "--methods", "bicubic,lanczos,single-view", "--json", tmp_path / "out.json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    content = json.loads((tmp_path / "out.json").read_text())
+    scores = {score["method"]: score for score in content["scores"]}
+    assert scores["bicubic"]["psnr"] == pytest.approx(30.5, abs=0.3)
+    assert scores["lanczos"]["gain_over_bicubic"] == pytest.approx(0.11, abs=0.05)
+    assert "single-view" in done.stdout

@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from service import numba_cache
+from service.numba_cache import prepare_numba_cache
+
+
+def test_a_folder_that_is_set_stays(tmp_path):
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "mine"), "DEPTHSR_CACHE": str(tmp_path)}
+    assert prepare_numba_cache(environment).folder == tmp_path / "mine"
+    assert environment["NUMBA_CACHE_DIR"] == str(tmp_path / "mine")
+
+
+@pytest.mark.parametrize(
+    ("variable", "below"),
+    [
+        ("DEPTHSR_CACHE", "numba"),
+        ("XDG_CACHE_HOME", "depthsr/numba"),
+        ("HOME", ".cache/depthsr/numba"),
+    ],
+)
+def test_folder_follows_the_environment(tmp_path, variable, below):
+    environment = {variable: str(tmp_path)}
+    cache = prepare_numba_cache(environment)
+    assert cache.folder == tmp_path / below
+    assert environment["NUMBA_CACHE_DIR"] == str(tmp_path / below)
+    assert cache.folder.is_dir()
+    assert cache.kept
+    assert cache.is_empty
+
+
+def test_where_nothing_can_be_written_a_temporary_folder_serves(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    cache = prepare_numba_cache({"HOME": str(tmp_path / "file")})
+    assert cache.folder.parent == tmp_path / "tmp"
+    assert not cache.kept
+    assert not cache.folder.stat().st_mode & 0o077
+
+
+def test_a_temporary_folder_of_somebody_else_is_not_trusted(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    open_to_all = tmp_path / f"depthsr-numba-{os.getuid()}"
+    open_to_all.mkdir()
+    open_to_all.chmod(0o777)
+    assert prepare_numba_cache({"HOME": str(tmp_path / "file")}).folder != open_to_all
+
+
+def test_what_a_read_only_installation_holds_is_taken_along(tmp_path, monkeypatch):
+    built_ahead = tmp_path / "installed" / "numba" / "pipeline_1"
+    built_ahead.mkdir(parents=True)
+    (built_ahead / "kernel.nbi").write_bytes(b"index")
+    (built_ahead / "kernel.1.nbc").write_bytes(b"code")
+    can_write = numba_cache._can_write
+    monkeypatch.setattr(
+        numba_cache,
+        "_can_write",
+        lambda folder: "installed" not in str(folder) and can_write(folder),
+    )
+    environment = {"DEPTHSR_CACHE": str(tmp_path / "installed"), "HOME": str(tmp_path)}
+    cache = prepare_numba_cache(environment)
+    assert cache.folder == tmp_path / ".cache/depthsr/numba"
+    assert (cache.folder / "pipeline_1/kernel.1.nbc").read_bytes() == b"code"
+    assert not cache.is_empty
+
+
+def test_numba_writes_where_it_was_told_to(tmp_path):
+    """In a process of its own: a compiled function ends up in the folder."""
+    (tmp_path / "kernel.py").write_text(
+        "import numba\n@numba.njit(cache=True)\ndef twice(x):\n    return x + x\n"
+    )
+    program = (
+        "from service.numba_cache import prepare_numba_cache\n"
+        "prepare_numba_cache()\nimport kernel\nassert kernel.twice(2) == 4\n"
+    )
+    root = Path(__file__).parents[2]
+    environment = {
+        key: value for key, value in os.environ.items() if not key.startswith(("NUMBA", "DEPTHSR"))
+    }
+    environment |= {
+        "DEPTHSR_CACHE": str(tmp_path / "cache"),
+        "PYTHONPATH": f"{root}{os.pathsep}{tmp_path}",
+    }
+    subprocess.run([sys.executable, "-c", program], env=environment, check=True, timeout=120)
+    assert list((tmp_path / "cache" / "numba").rglob("kernel.twice*.nbi"))

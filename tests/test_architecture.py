@@ -1,0 +1,150 @@
+"""Who may import whom: the arrows of the rooms, read from the source text."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("pipeline", "service", "dscqs")
+
+NUMERIC_ROOMS = (
+    "pipeline/registration", "pipeline/reconstruction", "pipeline/grid.py", "pipeline/stereo.py",
+    "pipeline/metrics.py", "pipeline/baselines.py", "pipeline/degradation.py",
+    "pipeline/colour.py", "pipeline/frames.py", "pipeline/errors.py",
+)  # fmt: skip
+"""Arrays in, arrays out: they touch no file, clock, log or environment."""
+
+OUTSIDE_WORLD = frozenset(
+    {
+        "asyncio", "datetime", "glob", "http", "io", "logging", "multiprocessing", "os", "pathlib",
+        "random", "resource", "shutil", "signal", "socket", "sqlite3", "subprocess", "sys",
+        "tempfile", "threading", "time", "urllib", "warnings",
+    }
+)  # fmt: skip
+"""Modules that a numeric room must not import."""
+
+
+def _files(place: str) -> list[Path]:
+    path = ROOT / place
+    found = [path] if path.is_file() else sorted(path.rglob("*.py"))
+    assert found, f"{place}: nothing there to check"
+    return found
+
+
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+
+def _imports(path: Path) -> Iterator[str]:
+    """Yield the full name of every module imported anywhere in the file, relative ones resolved."""
+    package = path.relative_to(ROOT).with_suffix("").parts[:-1]
+    for node in ast.walk(_tree(path)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else ()
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            yield module
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def _offenders(place: str, *forbidden: str) -> list[str]:
+    return [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for path in _files(place)
+        for name in _imports(path)
+        if any(name == bad or name.startswith(f"{bad}.") for bad in forbidden)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("room", "forbidden"),
+    [
+        ("pipeline", ("service", "dscqs")),
+        ("dscqs", ("service", "pipeline")),
+        ("pipeline/registration", ("pipeline.reconstruction", "pipeline.media", "pipeline.run")),
+        ("pipeline/reconstruction", ("pipeline.registration", "pipeline.media", "pipeline.run")),
+        ("pipeline/media", ("pipeline.registration", "pipeline.reconstruction", "pipeline.run")),
+        ("pipeline/grid.py", ("pipeline.frames", "pipeline.config", "cv2", "numpy")),
+        ("pipeline/errors.py", ("pipeline", "numpy")),
+    ],
+)
+def test_arrows_point_one_way(room, forbidden):
+    assert _offenders(room, *forbidden) == []
+
+
+def test_av_is_behind_two_doors():
+    users = {
+        path.relative_to(ROOT).as_posix()
+        for package in PACKAGES
+        for path in _files(package)
+        if any(name.split(".")[0] == "av" for name in _imports(path))
+    }
+    assert users == {"pipeline/media/decode.py", "pipeline/media/encode.py"}
+
+
+@pytest.mark.parametrize("room", NUMERIC_ROOMS)
+def test_numeric_rooms_touch_nothing_outside(room):
+    assert _offenders(room, *OUTSIDE_WORLD) == []
+    calls = [
+        f"{path.relative_to(ROOT)}:{node.lineno} calls {node.func.id}"
+        for path in _files(room)
+        for node in ast.walk(_tree(path))
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id in {"open", "print", "input", "exec", "eval"}
+    ]
+    assert calls == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_global_random_state(package):
+    """np.random is used through generators that are handed over or seeded where they are made."""
+    allowed = {"default_rng", "Generator", "SeedSequence", "PCG64"}
+    offenders = [
+        f"{path.relative_to(ROOT)}:{node.lineno} uses np.random.{node.attr}"
+        for path in _files(package)
+        for node in ast.walk(_tree(path))
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Attribute)
+        and node.value.attr == "random"
+        and isinstance(node.value.value, ast.Name)
+        and node.value.value.id in {"np", "numpy"}
+        and node.attr not in allowed
+    ]
+    assert offenders == []
+
+
+def test_the_command_line_imports_nothing_heavy_at_its_top():
+    heavy = {"numpy", "cv2", "av", "numba", "scipy"}
+    light = ["service/cli.py", "service/console.py", "service/options.py", "service/numba_cache.py"]
+    for place in [*light, "pipeline/config.py", "pipeline/job.py", "pipeline/errors.py"]:
+        for path in _files(place):
+            top = [
+                node for node in _tree(path).body if isinstance(node, (ast.Import, ast.ImportFrom))
+            ]
+            names = {
+                (node.module or "") if isinstance(node, ast.ImportFrom) else alias.name
+                for node in top
+                for alias in node.names
+            }
+            assert {name.split(".")[0] for name in names} & heavy == set(), place
+
+
+def test_every_error_has_a_code_of_its_own_and_says_what_it_means():
+    from pipeline import errors
+
+    classes = [
+        item
+        for item in vars(errors).values()
+        if isinstance(item, type) and issubclass(item, errors.PipelineError)
+    ]
+    assert len(classes) >= 5
+    assert len({item.code for item in classes}) == len(classes)
+    for item in classes:
+        assert item.__doc__
+        assert str(item()) == item.__doc__
