@@ -125,7 +125,8 @@ class Settings:
         for name in ("weight_threshold", "residual_threshold"):
             value = getattr(self, name)
             _check(value is None or 0 < value <= 255, name, "above 0, up to 255", value)
-        _check(0 < self.depth_threshold <= 1, "depth_threshold", "above 0, up to 1", self.depth_threshold)  # fmt: skip
+        share = self.depth_threshold
+        _check(0 < share <= 1, "depth_threshold", "above 0, up to 1", share)
         _check(1 <= self.sweeps <= 1000, "sweeps", "1 to 1000", self.sweeps)
         bound = self.residual_bound
         _check(bound is None or 0 <= bound <= 255, "residual_bound", "0 to 255", bound)

@@ -47,7 +47,7 @@ REASONS: tuple[tuple[Rejection, Colour, str], ...] = (
     (Rejection.OUTSIDE, (176, 180, 188), "outside the reference"),
     (Rejection.OCCLUDED, (123, 63, 160), "occluded"),
     (Rejection.DEPTH, (38, 102, 190), "depth differs"),
-    (Rejection.INCONSISTENT, (0, 160, 170), "forward and backward differ"),
+    (Rejection.EDGE, (0, 160, 170), "beside a depth edge"),
     (Rejection.WEIGHT, (205, 52, 48), "registration weight"),
     (Rejection.RESIDUAL, (240, 150, 30), "residual"),
 )

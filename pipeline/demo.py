@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import cv2
@@ -19,18 +17,17 @@ from pipeline.baselines import bicubic, nearest
 from pipeline.colour import to_rgb
 from pipeline.config import Settings
 from pipeline.debug_pictures import choose_crops, crops_picture
-from pipeline.errors import SceneError
 from pipeline.events import Event
 from pipeline.frames import MultiViewFrame
 from pipeline.job import Job, OutputOptions
 from pipeline.media.files import check_folder_writable
-from pipeline.media.info import SceneInfo
 from pipeline.metrics import psnr
 from pipeline.results import FrameResult, SuperResolvedImage
 from pipeline.run import Tools, run_job
 from pipeline.stop import StopFlag
 from pipeline.superresolve import superresolve
-from pipeline.synthetic import SampleScene
+from pipeline.synthetic import SampleScene, write_scene
+from pipeline.threads import set_threads
 
 WIDTH, HEIGHT, NUM_VIEWS = 256, 192, 8
 """LR pixels; cameras."""
@@ -72,70 +69,10 @@ class DemoResult:
     """Frames measured."""
     seconds: float
     """Of everything."""
+    scene: Path
+    """Folder of the LR scene, for trying other settings on it."""
     video: Path
     picture: Path
-
-
-class RenderedSource:
-    """The sample scene as a source of frames, rendered as they are asked for.
-
-    Parameters
-    ----------
-    scene : SampleScene
-        What to render.
-    num_frames : int
-        Frames from 0 on.
-    options : keyword arguments
-        Of :meth:`SampleScene.frame`.
-    """
-
-    def __init__(self, scene: SampleScene, num_frames: int, **options: Any) -> None:
-        self._scene = scene
-        self._options = options
-        left, right = scene.reference_views
-        self.info = SceneInfo(
-            path="sample scene",
-            layout="rendered",
-            view_ids=scene.view_ids,
-            all_view_ids=scene.view_ids,
-            lr_shape=(scene.height, scene.width),
-            frame_indices=range(num_frames),
-            fps=Fraction(scene.fps),
-            left=scene.view_ids[left],
-            right=scene.view_ids[right],
-            bit_depth=8,
-            is_color=bool(options.get("color")),
-            has_depth=(options.get("depth") is not None,) * scene.num_views,
-            depth_kind="inverse_depth",
-        )
-
-    def read(self, frame_index: int) -> MultiViewFrame:
-        """Render a frame; see :class:`pipeline.media.source.FrameSource`."""
-        if frame_index not in self.info.frame_indices:
-            raise SceneError("no such frame", path=self.info.path, frame=frame_index)
-        return self._scene.frame(frame_index, **self._options)
-
-    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[MultiViewFrame]:
-        """Yield frames ``start`` up to but without ``stop``, in order."""
-        indices = self.info.frame_indices
-        for frame_index in range(
-            indices.start if start is None else start, indices.stop if stop is None else stop
-        ):
-            yield self.read(frame_index)
-
-    def close(self) -> None:
-        """Nothing is kept open."""
-
-    def __enter__(self) -> RenderedSource:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,23 +130,23 @@ def run_demo(
             measured.append(_measure(scene, frame, result, settings))
         return result
 
-    source = RenderedSource(
-        scene, size.num_frames, color=True, depth="stereo", noise_sigma=NOISE_SIGMA,
-        sampling=settings.grid.sampling,
-    )  # fmt: skip
     video = folder / "side-by-side.mkv"
-    on_note("rendering the first frame")
+    on_note(f"rendering {size.num_frames} frames of {size.num_views} views")
     with stop.breakable():
-        source.read(0)
+        set_threads(threads)
+        manifest = write_scene(
+            folder / "scene", scene, num_frames=size.num_frames, noise_sigma=NOISE_SIGMA,
+            sampling=settings.grid.sampling,
+        )  # fmt: skip
     run_job(
         Job(
-            scene=Path(source.info.path),
+            scene=manifest,
             settings=settings,
             output=OutputOptions(output=video, segment_length=size.num_frames),
         ),
         on_event=on_event,
         stop=stop,
-        tools=Tools(open_scene=lambda *_, **__: source, superresolve=watched),
+        tools=Tools(superresolve=watched),
     )
     means = {method: float(np.mean([item.psnr[method] for item in measured])) for method in METHODS}
     picture = folder / "before-after.png"
@@ -220,6 +157,7 @@ def run_demo(
         psnr=means,
         measured=tuple(item.frame_index for item in measured),
         seconds=clock() - begin,
+        scene=manifest.parent,
         video=video,
         picture=picture,
     )
@@ -263,7 +201,7 @@ def format_demo(result: DemoResult) -> str:
     width = max(map(len, names.values()))
     for method in METHODS:
         value = result.psnr[method]
-        gain = "" if method == "bicubic" else f"  ({value - base:+.2f} dB)"
+        gain = "" if method == "bicubic" else f"  ({round(value - base, 2) + 0.0:+.2f} dB)"
         lines.append(f"  {names[method]:<{width}}  {value:6.2f} dB{gain}")
     return "\n".join(lines)
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -84,10 +84,12 @@ class Set1Result:
         raise KeyError((view_id, method))
 
     def as_json(self) -> dict[str, Any]:
-        """Return everything but the frame reports as plain values."""
-        table = {name: value for name, value in vars(self).items() if name != "reports"}
-        table["scores"] = [asdict(score) for score in self.scores]
-        table["hr_shape"] = list(self.hr_shape)
+        """Return everything as a record for JSON."""
+        table = dict(vars(self))
+        table["reports"] = [
+            {"view_id": view_id, "method": method, "report": report}
+            for view_id, method, report in self.reports
+        ]
         return table
 
 
@@ -268,4 +270,4 @@ def _gain(score: Score, of_view: Sequence[Score], base: str) -> float:
 
 
 def _signed(value: float) -> str:
-    return "" if np.isnan(value) else f"{value:+.2f}"
+    return "" if np.isnan(value) else f"{round(value, 2) + 0.0:+.2f}"

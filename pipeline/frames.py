@@ -151,8 +151,8 @@ class Rejection(IntFlag):
     """|depth difference at its landing point| > T_D (Eq. 4)."""
     RESIDUAL = 16
     """|reconstruction residual| > T_R (thesis §3.2)."""
-    INCONSISTENT = 32
-    """Forward and backward motion do not meet (not in the thesis)."""
+    EDGE = 32
+    """The motion jumps beside it, so that it sees two surfaces (not in the thesis)."""
     OCCLUDED = 64
     """A nearer surface of the same view lands on the same place (not in the thesis)."""
 

@@ -18,6 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+import numpy.typing as npt
+
 
 class Sampling(StrEnum):
     """Where the centre of an LR pixel lies on the HR grid."""
@@ -61,3 +64,11 @@ class Grid:
     def hr_shape(self, lr_shape: tuple[int, int]) -> tuple[int, int]:
         """Return the (height, width) of the HR image of an LR image of that shape."""
         return lr_shape[0] * self.magnification_y, lr_shape[1] * self.magnification_x
+
+    def to_hr(
+        self, position: npt.NDArray[np.float32]
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """Return x and y on the HR grid, (H, W) float32 each, of LR points (H, W, 2)."""
+        x = position[..., 0] * np.float32(self.magnification_x) + np.float32(self.offset_x)
+        y = position[..., 1] * np.float32(self.magnification_y) + np.float32(self.offset_y)
+        return x, y

@@ -28,7 +28,7 @@ from pipeline.sink import OutputPlan
 REPORT_FORMAT = "depthsr-report/1"
 """Value of the key ``format``; changes when a key changes its meaning."""
 
-PACKAGES = ("depthsr", "numpy", "opencv-python-headless", "av", "numba", "scipy")
+PACKAGES = ("depthsr", "numpy", "opencv-python-headless", "av", "numba")
 """Distributions whose versions a report names."""
 
 

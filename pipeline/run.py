@@ -49,10 +49,10 @@ from pipeline.superresolve import superresolve
 from pipeline.threads import set_threads
 from pipeline.workfolder import WorkFolder, work_folder_of
 
-READ_AHEAD = 2
+READ_AHEAD = 1
 """Frames that may wait to be super-resolved."""
 
-WRITE_BEHIND = 2
+WRITE_BEHIND = 1
 """Super-resolved frames that may wait to be written."""
 
 JOIN_POLL = 0.2
@@ -170,70 +170,69 @@ def run_job(
         info = source.info
         run.job = job = with_magnification(job, info)
         frames = options.frames.within(info.frame_indices)
-        targets, layout = choose_targets(info, options, job.output)
-        plan = OutputPlan(
-            options=replace(job.output, layout=layout),
-            targets=targets,
-            left=info.left,
-            right=info.right,
-            hr_shape=job.settings.grid.hr_shape(info.lr_shape),
-            fps=info.fps,
-            bit_depth=info.bit_depth,
-            is_color=info.is_color,
-            grid=job.settings.grid,
-        )
+        plan = make_plan(job, info)
         sink = run.tools.make_sink(plan)
         segments = cut_segments(frames, job.output.segment_length)
         anchor = job.output.output or job.output.frames_dir
         assert anchor is not None  # OutputOptions has seen to it
-        fingerprint = make_fingerprint(job, frames, targets)
+        fingerprint = make_fingerprint(job, frames, plan.targets)
         with WorkFolder(work_folder_of(anchor), fingerprint, resume=resume) as folder:
             sink.prepare()
-            finished = {
-                segment: account
-                for segment in segments
-                if (account := _still_there(folder, sink, segment)) is not None
-            }
-            todo = [segment for segment in segments if segment not in finished]
-            run.on_event(
+            todo = [segment for segment in segments if not _is_there(folder, sink, segment)]
+            computed = sum(len(segment) for segment in todo)
+            on_event(
                 JobStarted(
                     frames_total=len(frames),
-                    frames_done=sum(len(segment) for segment in finished),
+                    frames_done=len(frames) - computed,
                     num_views=len(info.view_ids),
-                    targets=targets,
+                    targets=plan.targets,
                     lr_shape=info.lr_shape,
                     hr_shape=plan.hr_shape,
                 )
             )
             run.warn(info.warnings)
-            _work(run, source, sink, folder, targets, todo, len(frames), len(segments))
+            _work(run, source, sink, folder, plan.targets, todo, len(frames), len(segments))
             run.stop.check()
-            run.on_event(Joining(segments=len(segments)))
+            on_event(Joining(segments=len(segments)))
             begin_join = run.tools.clock()
             written = list(sink.join([folder.stem(segment) for segment in segments]))
-            join_seconds = run.tools.clock() - begin_join
+            end = run.tools.clock()
+            facts = {
+                "seconds": end - begin,
+                "join_seconds": end - begin_join,
+                "frames_computed": computed,
+                "frames_resumed": len(frames) - computed,
+            }
             accounts = [folder.account(segment) or {} for segment in segments]
-            seconds = run.tools.clock() - begin
-            report = make_report(
-                job, info, plan, accounts,
-                run={
-                    "seconds": seconds,
-                    "frames_computed": sum(len(segment) for segment in todo),
-                    "frames_resumed": sum(len(segment) for segment in finished),
-                    "join_seconds": join_seconds,
-                },
-            )  # fmt: skip
+            report = make_report(job, info, plan, accounts, run=facts)
             if job.output.report is not None:
                 write_atomic(job.output.report, strict_json(report).encode())
             folder.remove()
-    run.on_event(JobFinished(seconds=seconds))
+    on_event(JobFinished(seconds=facts["seconds"]))
     written += [path for path in (job.output.report, job.output.debug_dir) if path is not None]
     return RunSummary(
         written=tuple(written),
         frames=len(frames),
-        frames_computed=sum(len(segment) for segment in todo),
-        seconds=seconds,
+        frames_computed=computed,
+        seconds=facts["seconds"],
         report=report,
+    )
+
+
+def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
+    """Return what is written, now that the scene has said what it is."""
+    targets, layout = choose_targets(info, job.input, job.output)
+    grid = job.settings.grid
+    return OutputPlan(
+        options=replace(job.output, layout=layout),
+        targets=targets,
+        left=info.left,
+        right=info.right,
+        hr_shape=grid.hr_shape(info.lr_shape),
+        fps=info.fps,
+        bit_depth=info.bit_depth,
+        is_color=info.is_color,
+        grid=grid,
     )
 
 
@@ -437,10 +436,9 @@ def _write(
     )
 
 
-def _still_there(folder: WorkFolder, sink: Sink, segment: Segment) -> dict[str, Any] | None:
-    """Return the account of a segment that is finished and whose files are all there."""
+def _is_there(folder: WorkFolder, sink: Sink, segment: Segment) -> bool:
+    """Return whether a segment is finished and its files are all there."""
     account = folder.account(segment)
     if account is None or len(account.get("frames", ())) != len(segment):
-        return None
-    expected = sink.files_of(segment, folder.stem(segment))
-    return account if all(path.is_file() for path in expected) else None
+        return False
+    return all(path.is_file() for path in sink.files_of(segment, folder.stem(segment)))

@@ -1,13 +1,67 @@
-"""One multi-view frame in, super-resolved reference views out: the order of the stages."""
+"""One multi-view frame in, super-resolved reference views out: the order of the stages.
+
+Registration says where each LR pixel lands and whether to trust it; reconstruction
+consumes that and knows nothing of depth, layers or cameras. This file hands the
+:class:`RegisteredView` records from one to the other, and accounts for what happened.
+"""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from pipeline.config import Settings
-from pipeline.frames import MultiViewFrame
-from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
+from pipeline.config import Settings, Solver
+from pipeline.errors import Interrupted, SceneError
+from pipeline.frames import ChromaImage, GreyImage, MultiViewFrame, RegisteredView, View
+from pipeline.grid import Grid
+from pipeline.noise import estimate_noise_of_views
+from pipeline.reconstruction.coverage import phase_coverage
+from pipeline.reconstruction.fused import FusedResult, fuse, initial_estimate
+from pipeline.reconstruction.pocs import pocs
+from pipeline.reconstruction.psf import GaussianPsf, psf_axes, sampling_taps
+from pipeline.reconstruction.system import simulate
+from pipeline.registration.layers import layer_labels, layer_thresholds
+from pipeline.registration.method import METHODS, RegistrationMethod
+from pipeline.registration.prepare import PreparedView
+from pipeline.registration.register import (
+    Thresholds,
+    ViewRegistration,
+    prepare_views,
+    register_views,
+)
+from pipeline.registration.verification import count_rejections
+from pipeline.results import (
+    FrameReport,
+    FrameResult,
+    SuperResolvedImage,
+    TargetDebug,
+    TargetReport,
+    ViewReport,
+)
+from pipeline.threads import map_threads, set_threads
+
+PICTURE_LAYERS = 11
+"""Depth layers shown in debug pictures where the method has none of its own (thesis Figure 2)."""
+
+SEES_NOTHING = 0.02
+"""Trusted share of a view below which it is said to see nothing."""
+
+NOTHING_NEW = 5.0
+"""Phase coverage gained, per cent, below which views are said to bring nothing new."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Target:
+    """One reconstructed reference view."""
+
+    image: SuperResolvedImage
+    report: TargetReport
+    debug: TargetDebug | None
 
 
 def superresolve(
@@ -17,33 +71,360 @@ def superresolve(
     targets: tuple[str, ...],
     observed_views: tuple[str, ...] | None = None,
     keep_intermediates: bool = False,
+    stop: Callable[[], bool] | None = None,
 ) -> FrameResult:
-    """Temporary bicubic skeleton of the contract (the real stages land next)."""
-    grid = settings.grid
-    images = {}
-    for view_id in targets:
-        view = frame.view(view_id)
-        height, width = grid.hr_shape(view.luma.shape)
-        matrix = np.array(
-            [
-                [1 / grid.magnification_x, 0, -grid.offset_x / grid.magnification_x],
-                [0, 1 / grid.magnification_y, -grid.offset_y / grid.magnification_y],
-            ]
-        )
+    """Super-resolve reference views of one frame from all (or some) of its views.
 
-        def enlarge(image):
-            return cv2.warpAffine(
-                image, matrix, (width, height),
-                flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
+    Parameters
+    ----------
+    frame : MultiViewFrame
+        N views of (H, W) LR pixels.
+    settings : Settings
+        A PSF of "auto" must have been estimated before (see ``psf_search``).
+    targets : tuple of view ids
+        Reference views to reconstruct.
+    observed_views : tuple of view ids, optional
+        Views whose pixels may be used; default: all. Every target must be among them.
+    keep_intermediates : bool
+        Whether the result carries what debug pictures need.
+    stop : callable, optional
+        Polled between stages and sweeps.
+
+    Returns
+    -------
+    FrameResult
+
+    Raises
+    ------
+    SceneError
+        If a target is not among the observed views.
+    Interrupted
+        If ``stop`` said so; nothing is returned then.
+    """
+    set_threads(settings.threads)
+    clock = _Stages(stop)
+    sources = observed_views or tuple(view.view_id for view in frame.views)
+    for target in targets:
+        if target not in sources:
+            raise SceneError(
+                "cannot be reconstructed: it is not among the observed views",
+                view=target, frame=frame.frame_index,
             )  # fmt: skip
+    views = [frame.view(view_id) for view_id in dict.fromkeys((*targets, *sources))]
+    noise = settings.noise_sigma
+    if noise is None:
+        noise = estimate_noise_of_views([frame.view(view_id) for view_id in sources])
+    psf = given_psf(settings)
+    method = chosen_method(settings)
+    clock.done("preparation")
+    prepared, registrations = _registered(frame, views, targets, sources, settings, method, noise)
+    clock.done("registration")
 
-        images[view_id] = SuperResolvedImage(
-            view_id=view_id,
-            luma=np.clip(enlarge(view.luma), 0, 255),
-            chroma=None if view.chroma is None else enlarge(view.chroma),
-        )
+    def reconstruct(target: str) -> _Target:
+        return _reconstruct(
+            frame, settings, psf, noise, registrations[target], frame.view(target),
+            _layers_of(prepared, method) if keep_intermediates else None, stop,
+        )  # fmt: skip
+
+    results = map_threads(reconstruct, targets)
+    clock.done("reconstruction")
+    images = {result.image.view_id: result.image for result in results}
+    for target in targets:
+        images[target] = replace(images[target], chroma=_chroma(frame, settings, target, sources))
+    clock.done("chroma")
     report = FrameReport(
-        frame_index=frame.frame_index, noise_sigma=0.0, noise_is_estimated=False, psf_sigma=1.0,
-        psf_support=7, psf_is_estimated=False, targets=(), timings={},
+        frame_index=frame.frame_index,
+        noise_sigma=noise,
+        noise_is_estimated=settings.noise_sigma is None,
+        psf_sigma=psf.sigma,
+        psf_support=psf.support,
+        psf_is_estimated=settings.psf == "auto",
+        targets=tuple(result.report for result in results),
+        timings=clock.timings,
+        warnings=_warnings(frame, sources),
+    )
+    debug = {result.image.view_id: result.debug for result in results if result.debug is not None}
+    return FrameResult(frame_index=frame.frame_index, images=images, report=report, debug=debug)
+
+
+class _Stages:
+    """Times the stages, and lets a stop through between them."""
+
+    def __init__(self, stop: Callable[[], bool] | None) -> None:
+        self._stop = stop
+        self._begin = time.perf_counter()
+        self.timings: dict[str, float] = {}
+
+    def done(self, stage: str) -> None:
+        now = time.perf_counter()
+        self.timings[stage] = now - self._begin
+        self._begin = now
+        if self._stop is not None and self._stop():
+            raise Interrupted
+
+
+def given_psf(settings: Settings) -> GaussianPsf:
+    """Return the PSF of the settings: as given, or half of K wide."""
+    grid = settings.grid
+    sigma = settings.psf_sigma or 0.5 * max(grid.magnification_x, grid.magnification_y)
+    return GaussianPsf.of(sigma, settings.psf_support)
+
+
+def chosen_method(settings: Settings) -> RegistrationMethod:
+    """Return the registration method of the settings, with L and R where they are given."""
+    method = METHODS[settings.registration]
+    if settings.layers is not None:
+        method = replace(method, num_layers=settings.layers)
+    if settings.subregions is not None:
+        method = replace(method, num_subregions=settings.subregions)
+    return method
+
+
+def default_weight_threshold(noise: float) -> float:
+    """Return T_w for a noise, grey levels: noise of two pictures, and some aliasing."""
+    return 3.0 + 3.0 * noise
+
+
+def default_residual_threshold(noise: float) -> float:
+    """Return T_R for a noise, grey levels: what no noise and little aliasing explains."""
+    return 12.0 + 5.0 * noise
+
+
+def _registered(
+    frame: MultiViewFrame,
+    views: Sequence[View],
+    targets: Sequence[str],
+    sources: Sequence[str],
+    settings: Settings,
+    method: RegistrationMethod,
+    noise: float,
+) -> tuple[dict[str, PreparedView], dict[str, list[ViewRegistration]]]:
+    prepared = prepare_views(views, metric=frame.depth_is_metric)
+    thresholds = Thresholds(
+        weight=settings.weight_threshold or default_weight_threshold(noise),
+        depth=settings.depth_threshold,
+    )
+    found = register_views(prepared, targets, sources, method, noise=noise, thresholds=thresholds)
+    return prepared, found
+
+
+def _reconstruct(
+    frame: MultiViewFrame,
+    settings: Settings,
+    psf: GaussianPsf,
+    noise: float,
+    registrations: Sequence[ViewRegistration],
+    reference: View,
+    layers: dict[str, npt.NDArray[np.int32]] | None,
+    stop: Callable[[], bool] | None,
+) -> _Target:
+    """Return one reference view reconstructed from the views registered onto it."""
+    grid = settings.grid
+    registered = [registration.registered for registration in registrations]
+    lr_shape = reference.luma.shape
+    solved = _solve(settings, psf, noise, registered, grid, (lr_shape[0], lr_shape[1]), stop)
+    if stop is not None and stop():
+        raise Interrupted
+    trusted = [flags == 0 for flags in solved.flags]
+    all_phases = phase_coverage([view.position for view in registered], trusted, grid, lr_shape)
+    own = [index for index, view in enumerate(registered) if view.is_reference]
+    own_phases = phase_coverage(
+        [registered[index].position for index in own], [trusted[index] for index in own],
+        grid, lr_shape,
     )  # fmt: skip
-    return FrameResult(frame_index=frame.frame_index, images=images, report=report)
+    reports = tuple(
+        _view_report(view, flags, weight, simulated)
+        for view, flags, weight, simulated in zip(
+            registered, solved.flags, solved.weights, solved.simulated, strict=True
+        )
+    )
+    report = TargetReport(
+        view_id=reference.view_id,
+        views=reports,
+        phase_coverage=100 * all_phases,
+        phase_coverage_reference=100 * own_phases,
+        remark=_remark(reports, registered, 100 * (all_phases - own_phases)),
+        solver=settings.solver,
+        iterations=solved.iterations,
+        stop_reason=solved.stop_reason,
+        residuals=solved.residuals,
+    )
+    debug = None
+    if layers is not None:
+        debug = TargetDebug(
+            view_id=reference.view_id,
+            registered=tuple(
+                replace(view, flags=flags)
+                for view, flags in zip(registered, solved.flags, strict=True)
+            ),
+            weights=solved.weights,
+            patch_labels={
+                registration.registered.view_id: registration.patch_labels
+                for registration in registrations
+            },
+            layer_labels=layers,
+            contribution_count=solved.density,
+        )
+    image = SuperResolvedImage(view_id=reference.view_id, luma=np.clip(solved.estimate, 0.0, 255.0))
+    return _Target(image=image, report=report, debug=debug)
+
+
+def _solve(
+    settings: Settings,
+    psf: GaussianPsf,
+    noise: float,
+    registered: Sequence[RegisteredView],
+    grid: Grid,
+    lr_shape: tuple[int, int],
+    stop: Callable[[], bool] | None,
+) -> FusedResult:
+    """Run the chosen solver; a POCS result is brought into the same form."""
+    residual_threshold = settings.residual_threshold or default_residual_threshold(noise)
+    if settings.solver == Solver.FUSED:
+        return fuse(
+            registered, grid, lr_shape, psf,
+            noise=noise, residual_threshold=residual_threshold, stop=stop,
+        )  # fmt: skip
+    own = next(view for view in registered if view.is_reference)
+    shape = grid.hr_shape(lr_shape)
+    bound = 2 * noise if settings.residual_bound is None else settings.residual_bound
+    swept = pocs(
+        registered, grid, shape, *psf_axes(psf, grid), initial_estimate(own.observed, grid),
+        sweeps=settings.sweeps, residual_bound=bound, residual_threshold=residual_threshold,
+        simplified=settings.solver == Solver.POCS_SIMPLIFIED, stop=stop,
+    )  # fmt: skip
+    taps = sampling_taps(psf, grid)
+    weights = tuple((flags == 0).astype(np.float32) for flags in swept.flags)
+    points = [tuple(map(np.ascontiguousarray, grid.to_hr(view.position))) for view in registered]
+    density = np.zeros(shape, np.float32)
+    for (x, y), weight in zip(points, weights, strict=True):
+        _count_nearest(x, y, weight, density)
+    return FusedResult(
+        estimate=swept.estimate,
+        weights=weights,
+        flags=swept.flags,
+        simulated=tuple(simulate(swept.estimate, taps, x, y) for x, y in points),
+        density=density,
+        iterations=swept.sweeps_done,
+        residuals=swept.residuals,
+        stop_reason=str(swept.stop_reason),
+    )
+
+
+def _count_nearest(
+    x: npt.NDArray[np.float32],
+    y: npt.NDArray[np.float32],
+    weight: npt.NDArray[np.float32],
+    density: npt.NDArray[np.float32],
+) -> None:
+    """Add the weights to the HR pixels nearest to the points, in place."""
+    height, width = density.shape
+    inside = (weight > 0) & (x > -0.5) & (y > -0.5) & (x < width - 0.5) & (y < height - 0.5)
+    rows, columns = np.rint(y[inside]).astype(int), np.rint(x[inside]).astype(int)
+    np.add.at(density, (rows, columns), weight[inside])
+
+
+def _view_report(
+    view: RegisteredView,
+    flags: npt.NDArray[np.uint8],
+    weight: GreyImage,
+    simulated: GreyImage,
+) -> ViewReport:
+    has_motion = np.isfinite(view.position[..., 0])
+    trusted = flags == 0
+    magnitudes = np.abs(view.registration_weights)[has_motion]
+    magnitudes = magnitudes[np.isfinite(magnitudes)]
+    residual = (view.observed - simulated)[trusted]
+    residual = residual[np.isfinite(residual)]
+    return ViewReport(
+        view_id=view.view_id,
+        registered_fraction=float(has_motion.mean()),
+        verified_fraction=float(trusted.mean()),
+        weight_fraction=float(weight.mean()),
+        rejections=count_rejections(flags),
+        median_absolute_weight=float(np.median(magnitudes)) if magnitudes.size else float("nan"),
+        residual_rms=float(np.sqrt((residual**2).mean())) if residual.size else float("nan"),
+    )
+
+
+def _remark(
+    reports: Sequence[ViewReport], registered: Sequence[RegisteredView], gained: float
+) -> str:
+    """Return a plain sentence about what the other views bring; empty where all is well."""
+    others = [
+        report for report, view in zip(reports, registered, strict=True) if not view.is_reference
+    ]
+    if not others:
+        return "Only the reference view itself was used."
+    blind = [report.view_id for report in others if report.verified_fraction < SEES_NOTHING]
+    sentences = []
+    if len(blind) == len(others):
+        return "No other view sees what this one sees: the result is that of one view."
+    if blind:
+        sentences.append(f"Nothing of {', '.join(blind)} could be verified.")
+    if gained < NOTHING_NEW:
+        sentences.append(
+            "The other views bring hardly any new sub-pixel positions: they average noise, "
+            "but add no detail."
+        )
+    return " ".join(sentences)
+
+
+def _layers_of(
+    prepared: dict[str, PreparedView], method: RegistrationMethod
+) -> dict[str, npt.NDArray[np.int32]]:
+    """Return the depth layer of every pixel of every view, for pictures."""
+    labels = {}
+    for view_id, view in prepared.items():
+        nearness = view.levels[0].nearness
+        labels[view_id] = layer_labels(
+            nearness, layer_thresholds(nearness, method.num_layers or PICTURE_LAYERS)
+        )
+    return labels
+
+
+def _chroma(
+    frame: MultiViewFrame, settings: Settings, target: str, sources: Sequence[str]
+) -> ChromaImage | None:
+    """Return the colour of a reference view on the HR grid, None for grey input.
+
+    "bicubic" enlarges it; "sr" super-resolves each of its two planes as if it were luma.
+    """
+    view = frame.view(target)
+    if view.chroma is None:
+        return None
+    if settings.chroma == "bicubic":
+        enlarged = [
+            initial_estimate(np.ascontiguousarray(view.chroma[..., plane]), settings.grid)
+            for plane in range(2)
+        ]
+        return np.clip(np.stack(enlarged, axis=-1), 0.0, 255.0)
+    planes = []
+    for plane in range(2):
+        views = tuple(
+            replace(other, luma=np.ascontiguousarray(other.chroma[..., plane]), chroma=None)
+            for other in frame.views
+            if other.chroma is not None
+        )
+        result = superresolve(
+            replace(frame, views=views), replace(settings, noise_sigma=None), targets=(target,),
+            observed_views=tuple(sources),
+        )  # fmt: skip
+        planes.append(result.images[target].luma)
+    return np.stack(planes, axis=-1)
+
+
+def _warnings(frame: MultiViewFrame, sources: Sequence[str]) -> tuple[str, ...]:
+    """Return what the user should know of this frame's input."""
+    warnings = []
+    for view_id in sources:
+        view = frame.view(view_id)
+        if view.depth_map is None:
+            warnings.append(f"view {view_id} has no depth: it is taken as one layer")
+        elif not np.isfinite(view.depth_map).any():
+            warnings.append(f"view {view_id}: all of its depth is unknown; taken as one layer")
+        elif np.nanmin(view.depth_map) == np.nanmax(view.depth_map):
+            warnings.append(f"view {view_id}: its depth is constant, one layer")
+        if float(cv2.minMaxLoc(np.ascontiguousarray(view.luma))[1]) == float(view.luma.min()):
+            warnings.append(f"view {view_id} is one flat tone: it brings nothing")
+    return tuple(warnings)

@@ -14,6 +14,7 @@ the subcommand that needs them, so that ``--help`` answers at once.
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import signal
 import sys
@@ -23,7 +24,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from service.console import EXIT_DONE, EXIT_USAGE, one_line, report_error
+from service.console import EXIT_DONE, EXIT_FAILURE, EXIT_USAGE, one_line, report_error
 from service.numba_cache import prepare_numba_cache
 
 if TYPE_CHECKING:
@@ -34,7 +35,10 @@ DESCRIPTION = "Super-resolve multi-view 3D video into a stereo pair, guided by d
 
 
 class Parser(argparse.ArgumentParser):
-    """Says what is wrong with the usage in one line."""
+    """Says what is wrong with the usage in one line; knows options by their full name only."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **{"allow_abbrev": False, **options})
 
     def error(self, message: str) -> NoReturn:
         """Leave with status 2 and one line on stderr."""
@@ -44,14 +48,22 @@ class Parser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit status."""
     prepare_numba_cache()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal may know no ×
     verbose = False
     try:
         arguments = make_parser().parse_args(argv)
         verbose = getattr(arguments, "verbose", False)
-        return int(arguments.command(arguments) or EXIT_DONE)
+        status = int(arguments.command(arguments) or EXIT_DONE)
+        sys.stdout.flush()
+        return status
+    except SystemExit as end:  # --help, --version and errors of usage
+        return end.code if isinstance(end.code, int) else EXIT_DONE
     except BrokenPipeError:
-        sys.stderr.close()  # whoever read us has gone; say nothing more
-        return EXIT_DONE
+        # Whoever read our results has gone; let the interpreter's last flush go nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_FAILURE
     except (Exception, KeyboardInterrupt) as error:
         return report_error(error, verbose=verbose)
 
@@ -131,7 +143,12 @@ def _add_psf(commands: Any) -> None:
     )
     parser.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="picture of the curve to write (PNG)"
+        "-o",
+        "--output",
+        dest="picture",
+        type=Path,
+        metavar="FILE",
+        help="picture of the curve to write (PNG)",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="JSON file to write the curve to")
     add_options(parser, InputOptions)
@@ -281,7 +298,50 @@ def _run_probe(arguments: argparse.Namespace) -> int:
 
 
 def _run_psf(arguments: argparse.Namespace) -> int:
-    raise NotImplementedError("the PSF estimator is not there yet")
+    from pipeline import drawing
+    from pipeline.config import Settings
+    from pipeline.errors import PipelineError
+    from pipeline.job import InputOptions
+    from pipeline.media.files import check_writable, write_atomic
+    from pipeline.media.source import open_scene
+    from pipeline.psf_curve import format_psf, psf_picture
+    from pipeline.report import strict_json, versions
+    from pipeline.threads import set_threads
+    from service.options import collect
+
+    try:
+        from pipeline.psf_search import search_psf
+    except ModuleNotFoundError as error:
+        raise PipelineError("the PSF estimator is not installed") from error
+
+    options = InputOptions(**collect(arguments, InputOptions))
+    settings = Settings(psf="auto", **collect(arguments, Settings))
+    set_threads(settings.threads)
+    picture, table = getattr(arguments, "picture", None), arguments.json
+    for path in (picture, table):
+        if path is not None:
+            check_writable(path)
+    with (
+        open_scene(
+            arguments.scene,
+            input_layout=options.input_layout,
+            left=options.left,
+            right=options.right,
+            views=options.views,
+        ) as source,
+        _watching(arguments) as (stop, progress),
+        stop.breakable(),
+    ):
+        frame = source.read(options.frames.within(source.info.frame_indices).start)
+        progress.note(f"frame {frame.frame_index}: scanning")
+        curves = search_psf(frame, settings)
+    if picture is not None:
+        drawing.save(picture, psf_picture(curves))
+    if table is not None:
+        content = {"format": "depthsr-psf/1", "versions": versions(), "curves": curves}
+        write_atomic(table, strict_json(content).encode())
+    _say(format_psf(curves))
+    return EXIT_DONE
 
 
 def _run_set1(arguments: argparse.Namespace) -> int:
@@ -332,7 +392,12 @@ def _run_set1(arguments: argparse.Namespace) -> int:
                 on_method=lambda view_id, method: progress.note(f"{view_id}: {method}"),
             )
     if arguments.json is not None:
-        content = {"format": "depthsr-set1/1", "versions": versions(), **result.as_json()}
+        content = {
+            "format": "depthsr-set1/1",
+            "versions": versions(),
+            "settings": settings,
+            **result.as_json(),
+        }
         write_atomic(arguments.json, strict_json(content).encode())
     _say(format_table(result))
     return EXIT_DONE
@@ -355,6 +420,7 @@ def _run_demo(arguments: argparse.Namespace) -> int:
         )
     _say(format_demo(result))
     _say(f"wrote {result.video} and {result.picture} in {duration(result.seconds)}")
+    _say(f"the scene is in {result.scene}: try depthsr run {result.scene} -o out.mkv")
     return EXIT_DONE
 
 

@@ -59,10 +59,8 @@ def gather_observations(position_x, position_y, observed, weight, row_lo, row_hi
                 continue
             px = position_x[row, column]
             centre_x = int(np.floor(px + half))
-            if centre_x < 1 or centre_x >= width - 1 or centre_y < 1 or centre_y >= height - 1:
-                # at the very border: fold the taps onto the image (reflection about the edge)
-                if centre_x < 0 or centre_x >= width or centre_y < 0 or centre_y >= height:
-                    continue
+            if centre_x < 0 or centre_x >= width or centre_y < 0 or centre_y >= height:
+                continue
             tx = px - np.float32(centre_x)
             ty = py - np.float32(centre_y)
             tap_x[0] = half * (half - tx) * (half - tx)
@@ -71,6 +69,7 @@ def gather_observations(position_x, position_y, observed, weight, row_lo, row_hi
             tap_y[0] = half * (half - ty) * (half - ty)
             tap_y[1] = np.float32(0.75) - ty * ty
             tap_y[2] = half * (half + ty) * (half + ty)
+            # at the very border taps fold onto the image: reflection about the edge
             if centre_x == 0:
                 tap_x[1] += tap_x[0]
                 tap_x[0] = np.float32(0.0)

@@ -15,6 +15,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from pipeline.grid import Grid
+
 Taps = npt.NDArray[np.float64]
 """(odd,) float64, symmetric one-dimensional kernel."""
 
@@ -86,19 +88,47 @@ def coefficient_taps(taps: Taps) -> Taps:
     return np.convolve(taps, prefilter / prefilter.sum())
 
 
-def blur(image: npt.NDArray, taps: Taps) -> npt.NDArray[np.float32]:
-    """Return the image convolved with separable symmetric taps.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeparableTaps:
+    """One kernel for each axis of the HR grid."""
+
+    x: Taps
+    y: Taps
+
+
+def psf_axes(psf: GaussianPsf, grid: Grid) -> tuple[GaussianPsf | None, GaussianPsf | None]:
+    """Return the PSF along x and along y: None, no blur, along an axis that is not enlarged.
+
+    Side-by-side material is squeezed along x alone; along y its pixels are as they were.
+    """
+    return (
+        psf if grid.magnification_x > 1 else None,
+        psf if grid.magnification_y > 1 else None,
+    )
+
+
+def sampling_taps(psf: GaussianPsf, grid: Grid) -> SeparableTaps:
+    """Return the taps from an estimate to the spline coefficients that observations sample."""
+    x, y = (
+        coefficient_taps(np.ones(1) if axis is None else axis.taps_at(0.0))
+        for axis in psf_axes(psf, grid)
+    )
+    return SeparableTaps(x=x, y=y)
+
+
+def blur(image: npt.NDArray, taps: SeparableTaps) -> npt.NDArray[np.float32]:
+    """Return the image convolved with separable symmetric taps, a new array.
 
     The border reflects about the edge of the outermost pixel
     (``BORDER_REFLECT``): with symmetric taps that makes the operator its own
     adjoint, which conjugate gradients rely on. A kernel wider than the image
     is fine.
     """
-    kernel = taps.astype(np.float32)
-    reach = kernel.size // 2
+    along_x, along_y = taps.x.astype(np.float32), taps.y.astype(np.float32)
+    reach_x, reach_y = along_x.size // 2, along_y.size // 2
     height, width = image.shape
-    if reach < min(height, width):
-        return cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REFLECT)
-    padded = np.pad(image, reach, mode="symmetric")
-    full = cv2.sepFilter2D(padded, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
-    return np.ascontiguousarray(full[reach : reach + height, reach : reach + width])
+    if reach_x < width and reach_y < height:
+        return cv2.sepFilter2D(image, cv2.CV_32F, along_x, along_y, borderType=cv2.BORDER_REFLECT)
+    padded = np.pad(image, ((reach_y, reach_y), (reach_x, reach_x)), mode="symmetric")
+    full = cv2.sepFilter2D(padded, cv2.CV_32F, along_x, along_y, borderType=cv2.BORDER_CONSTANT)
+    return np.ascontiguousarray(full[reach_y : reach_y + height, reach_x : reach_x + width])

@@ -133,6 +133,8 @@ def fit_patches(
     reference,
     fineness,
     nearness,
+    destination,
+    destination_margin,
     windows,
     ranges,
     degree,
@@ -168,6 +170,10 @@ def fit_patches(
         reference to pixels of ``reference``; 1, 1, 0, 0 where it is the LR image.
     nearness : (H, W) float32
         Of the source.
+    destination : (H', W') float32
+        Nearness of the reference, LR; of shape (0, 0) for no destination support (thesis
+        Figure 4): else only points that land where it lies in the patch's range, widened
+        by ``destination_margin``, take part.
     windows : (P, 4) int32
         x0, y0, x1, y1 of each patch, half-open, source pixels.
     ranges : (P, 2) float32
@@ -219,17 +225,19 @@ def fit_patches(
     power_x = np.array([0, 1, 0, 2, 1, 0])
     power_y = np.array([0, 0, 1, 0, 1, 2])
     level = np.array([0, 1, 1, 2, 2, 2])
+    has_destination = destination.size > 0
     for p in range(windows.shape[0]):
         x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
         xc = 0.5 * (x0 + x1 - 1)
         yc = 0.5 * (y0 + y1 - 1)
         s = max(0.5 * max(x1 - x0, y1 - y0), 1.0)
+        inverse = 1 / s
         lo, hi = ranges[p, 0], ranges[p, 1]
         start[:] = motion[p]
         status[p] = 1
         quality[p, 0] = np.inf
         quality[p, 1] = 0
-        for iteration in range(iterations + 1):
+        for _ in range(iterations):
             theta = motion[p]
             count = 0
             lines = 0
@@ -245,9 +253,19 @@ def fit_patches(
                     if not (d >= lo and d < hi):
                         continue
                     in_support += 1
-                    X = (x - xc) / s
+                    X = (x - xc) * inverse
                     u = cu0 + (cu1 + theta[3] * X) * X
                     v = cv0 + (cv1 + theta[9] * X) * X
+                    if has_destination:
+                        row = int(np.floor(y + v + 0.5))
+                        column = int(np.floor(x + u + 0.5))
+                        if not (0 <= row < destination.shape[0]):
+                            continue
+                        if not (0 <= column < destination.shape[1]):
+                            continue
+                        d = destination[row, column]
+                        if not (d >= lo - destination_margin and d < hi + destination_margin):
+                            continue
                     value, gx, gy = sample(
                         reference,
                         fineness[0] * (x + u) + fineness[2],
@@ -285,8 +303,6 @@ def fit_patches(
             scale = MAD_TO_SIGMA * (b + 0.5) * width / HISTOGRAM_BINS
             scale = max(scale, min_scale)
             quality[p, 0] = scale
-            if iteration == iterations:
-                break
             cut2 = (TUKEY * scale) ** 2
             moments[:] = 0
             reliable = 0
@@ -304,6 +320,36 @@ def fit_patches(
                         X = place_x[k]
                         wx = w * gx
                         wy = w * gy
+                        if degree == 1:
+                            wxx = wx * gx
+                            wxy = wx * gy
+                            wyy = wy * gy
+                            wxr = wx * r
+                            wyr = wy * r
+                            line[0, 0] += wxx
+                            line[1, 0] += wxy
+                            line[2, 0] += wyy
+                            line[3, 0] += wx
+                            line[4, 0] += wy
+                            line[5, 0] += wxr
+                            line[6, 0] += wyr
+                            line[7, 0] += w
+                            line[8, 0] += w * r
+                            wxx *= X
+                            wxy *= X
+                            wyy *= X
+                            line[0, 1] += wxx
+                            line[1, 1] += wxy
+                            line[2, 1] += wyy
+                            line[3, 1] += wx * X
+                            line[4, 1] += wy * X
+                            line[5, 1] += wxr * X
+                            line[6, 1] += wyr * X
+                            line[0, 2] += wxx * X
+                            line[1, 2] += wxy * X
+                            line[2, 2] += wyy * X
+                            k += 1
+                            continue
                         power = 1.0
                         for m in range(powers):
                             line[0, m] += wx * gx * power
@@ -389,14 +435,17 @@ def residual_energy(source, reference, windows, index, motion, energy):
     s = max(0.5 * max(x1 - x0, y1 - y0), 1.0)
     theta = motion[index]
     zeta = np.float32(theta[12])
+    inverse = 1 / s
     for y in range(y0, y1):
-        Y = (y - yc) / s
+        Y = (y - yc) * inverse
+        cu0 = theta[0] + theta[2] * Y + theta[5] * Y * Y
+        cu1 = theta[1] + theta[4] * Y
+        cv0 = theta[6] + theta[8] * Y + theta[11] * Y * Y
+        cv1 = theta[7] + theta[10] * Y
         for x in range(x0, x1):
-            X = (x - xc) / s
-            u = theta[0] + theta[1] * X + theta[2] * Y
-            u += theta[3] * X * X + theta[4] * X * Y + theta[5] * Y * Y
-            v = theta[6] + theta[7] * X + theta[8] * Y
-            v += theta[9] * X * X + theta[10] * X * Y + theta[11] * Y * Y
+            X = (x - xc) * inverse
+            u = cu0 + (cu1 + theta[3] * X) * X
+            v = cv0 + (cv1 + theta[9] * X) * X
             value, _, _ = sample(reference, x + u, y + v)
             if np.isfinite(value):
                 r = value - source[y, x] + zeta
@@ -483,7 +532,7 @@ def displacement_at(windows, motion, p, x, y):
 
 
 @njit(**_OPTIONS)
-def blend_patches(windows, motion, usable, best, agreement, spread, position, offset):
+def blend_patches(windows, motion, usable, best, agreement, position, offset):
     """Write the landing point of each pixel: its patch's motion blended with those that agree.
 
     Overlapping patches whose motion at the pixel lies within ``agreement`` pixels of the
@@ -498,6 +547,7 @@ def blend_patches(windows, motion, usable, best, agreement, spread, position, of
         Written: ζ blended likewise, grey levels.
     """
     height, width = best.shape
+    closeness = 1 / (agreement * agreement)
     total = np.zeros((height, width), np.float32)
     sum_u = np.zeros((height, width), np.float32)
     sum_v = np.zeros((height, width), np.float32)
@@ -516,26 +566,29 @@ def blend_patches(windows, motion, usable, best, agreement, spread, position, of
         x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
         xc = 0.5 * (x0 + x1 - 1)
         yc = 0.5 * (y0 + y1 - 1)
-        reach_x = spread * 0.5 * (x1 - x0) + 0.5
-        reach_y = spread * 0.5 * (y1 - y0) + 0.5
+        reach_x = 0.5 * (x1 - x0) + 0.5
+        reach_y = 0.5 * (y1 - y0) + 0.5
+        inverse = 1 / max(0.5 * max(x1 - x0, y1 - y0), 1.0)
+        theta = motion[p]
         for y in range(y0, y1):
             fall_y = 1 - abs(y - yc) / reach_y
+            Y = (y - yc) * inverse
+            cu0 = theta[0] + theta[2] * Y + theta[5] * Y * Y
+            cu1 = theta[1] + theta[4] * Y
+            cv0 = theta[6] + theta[8] * Y + theta[11] * Y * Y
+            cv1 = theta[7] + theta[10] * Y
             for x in range(x0, x1):
                 if best[y, x] < 0:
                     continue
-                own = best[y, x] == p
-                fall = fall_y * (1 - abs(x - xc) / reach_x)
-                if fall_y <= 0 or fall <= 0 or abs(x - xc) > reach_x:
-                    if not own:
-                        continue
-                    fall = 1e-3
-                fall = max(fall, 1e-3)
-                u, v = displacement_at(windows, motion, p, x, y)
+                X = (x - xc) * inverse
+                u = cu0 + (cu1 + theta[3] * X) * X
+                v = cv0 + (cv1 + theta[9] * X) * X
                 du = u - best_u[y, x]
                 dv = v - best_v[y, x]
-                away = (du * du + dv * dv) / (agreement * agreement)
+                away = (du * du + dv * dv) * closeness
                 if away >= 1:
                     continue
+                fall = max(fall_y * (1 - abs(x - xc) / reach_x), 1e-3)
                 w = fall * (1 - away) * (1 - away)
                 total[y, x] += w
                 sum_u[y, x] += w * u
@@ -550,3 +603,28 @@ def blend_patches(windows, motion, usable, best, agreement, spread, position, of
             else:
                 position[y, x, 0] = np.nan
                 position[y, x, 1] = np.nan
+
+
+@njit(**_OPTIONS)
+def follow_patches(windows, motion, usable, labels, position, offset):
+    """Write the landing point of each pixel by the motion of its own patch; NaN where unusable.
+
+    Parameters
+    ----------
+    labels : (H, W) int32
+        Patch number of each pixel.
+    position, offset : (H, W, 2) and (H, W) float32
+        Written: landing points in pixels, ζ in grey levels.
+    """
+    for y in range(labels.shape[0]):
+        for x in range(labels.shape[1]):
+            p = labels[y, x]
+            if p < 0 or not usable[p]:
+                position[y, x, 0] = np.nan
+                position[y, x, 1] = np.nan
+                offset[y, x] = 0
+                continue
+            u, v = displacement_at(windows, motion, p, x, y)
+            position[y, x, 0] = x + u
+            position[y, x, 1] = y + v
+            offset[y, x] = motion[p, 12]

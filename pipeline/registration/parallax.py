@@ -19,6 +19,12 @@ from numba import njit
 
 from pipeline.frames import Calibration
 
+MIN_MATCHES = 8
+"""Fewest matches that a fit is believed from."""
+
+TRIALS = 400
+"""Random samples drawn when nothing is known."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParallaxMotion:
@@ -183,7 +189,9 @@ def match_points(
     floor = 0.1 * float(np.median(texture)) + 1.0
     for y in range(radius, height - radius, spacing):
         for x in range(radius, width - radius, spacing):
-            block = texture[y : min(y + spacing, height - radius), x : min(x + spacing, width - radius)]
+            block = texture[
+                y : min(y + spacing, height - radius), x : min(x + spacing, width - radius)
+            ]
             k = int(np.argmax(block))
             if block.flat[k] > floor:
                 points.append((x + k % block.shape[1], y + k // block.shape[1]))
@@ -204,14 +212,16 @@ def fit_parallax(
     landed: npt.NDArray[np.float64],
     nearness: npt.NDArray[np.float64],
     *,
-    seed: int = 0,
-    trials: int = 400,
+    start: ParallaxMotion | None = None,
     tolerance: float = 6.0,
+    rounds: int = 12,
+    seed: int = 0,
 ) -> ParallaxMotion | None:
     """Return the homography plus parallax that most matches agree on, or None.
 
-    Random sampling with an affine-plus-parallax model finds the inliers, then
-    the eleven-parameter model is fitted by iteratively re-weighted least squares.
+    Random sampling with an affine-plus-parallax model finds the inliers, unless
+    a start tells them; then the eleven-parameter model is fitted by iteratively
+    re-weighted least squares.
 
     Parameters
     ----------
@@ -219,11 +229,15 @@ def fit_parallax(
         Matches, LR pixels.
     nearness : (M,) float64
         Of the points, finite.
+    start : ParallaxMotion, optional
+        A motion whose inliers are taken instead of sampling for them.
     tolerance : float
-        Distance of an inlier in the random sampling, LR pixels.
+        Distance of an inlier to begin with, LR pixels.
+    rounds, seed : int
+        Re-weightings, and the seed of the sampling.
     """
     count = len(points)
-    if count < 8:
+    if count < MIN_MATCHES:
         return None
     centre = points.mean(axis=0)
     size = max(float(np.abs(points - centre).max()), 1.0)
@@ -239,23 +253,12 @@ def fit_parallax(
             (nearness - d_centre) / d_size if depth_counts else np.zeros(count),
         ]
     )
-    shift = landed - points
-    ridge = np.diag([0.0, 1e-3, 1e-3, 1e-3])
-    generator = np.random.default_rng(seed)
-    best_weight = -1.0
-    inliers = np.zeros(count, bool)
-    for _ in range(trials):
-        chosen = generator.choice(count, 5, replace=False)
-        block = basis[chosen]
-        solution = np.linalg.solve(block.T @ block + ridge + 1e-9 * np.eye(4), block.T @ shift[chosen])
-        if np.abs(solution[1:3]).max() > 0.3 * size:
-            continue
-        distance2 = ((basis @ solution - shift) ** 2).sum(axis=1)
-        weight = np.maximum(0.0, 1 - distance2 / tolerance**2).sum()
-        if weight > best_weight:
-            best_weight = weight
-            inliers = distance2 < tolerance**2
-    if inliers.sum() < 8:
+    if start is not None:
+        away = start.land(points[:, 0], points[:, 1], nearness) - landed
+        inliers = (away**2).sum(axis=1) < tolerance**2
+    else:
+        inliers = _sampled_inliers(basis, landed - points, size, tolerance, seed)
+    if inliers.sum() < MIN_MATCHES:
         return None
     # x' (1 + c) = a, y' (1 + c) = b with a, b, c linear in the basis (c without constant)
     target = (landed - centre) / size
@@ -264,7 +267,7 @@ def fit_parallax(
     b = np.zeros(4)
     c = np.zeros(3)
     distance = np.full(count, np.inf)
-    for round_index in range(12):
+    for round_index in range(rounds):
         zero = np.zeros_like(basis)
         denominator = 1 + basis[:, 1:] @ c
         rows = np.vstack(
@@ -288,12 +291,14 @@ def fit_parallax(
         predicted = np.column_stack([basis @ a, basis @ b]) / denominator[:, None]
         distance = size * np.sqrt(((predicted - target) ** 2).sum(axis=1))
         sigma = max(1.4826 * float(np.median(distance[weights > 0])), 0.05)
-        cut = max(4.0 * sigma, 0.5) * (2.0 if round_index < 3 else 1.0)
+        cut = max(4.0 * sigma, 0.5) * (2.0 if round_index < rounds // 4 else 1.0)
         weights = np.maximum(0.0, 1 - (distance / cut) ** 2) ** 2
-        if (weights > 0).sum() < 8:
+        if (weights > 0).sum() < MIN_MATCHES:
             return None
     # undo the normalisation
-    to_unit = np.array([[1 / size, 0, -centre[0] / size], [0, 1 / size, -centre[1] / size], [0, 0, 1]])
+    to_unit = np.array(
+        [[1 / size, 0, -centre[0] / size], [0, 1 / size, -centre[1] / size], [0, 0, 1]]
+    )
     from_unit = np.array([[size, 0, centre[0]], [0, size, centre[1]], [0, 0, 1]])
     unit = np.array([[a[1], a[2], a[0]], [b[1], b[2], b[0]], [c[0], c[1], 1.0]])
     epipole = np.array([a[3], b[3], c[2]])
@@ -307,3 +312,30 @@ def fit_parallax(
         num_inliers=int(support.sum()),
         residual=float(np.median(distance[support])),
     )
+
+
+def _sampled_inliers(
+    basis: npt.NDArray[np.float64],
+    shift: npt.NDArray[np.float64],
+    size: float,
+    tolerance: float,
+    seed: int,
+) -> npt.NDArray[np.bool_]:
+    """Return which matches agree with the best of many five-point fits, (M,) bool.
+
+    The displacement is affine in place and nearness here; least squares with a small ridge.
+    """
+    count = len(basis)
+    generator = np.random.default_rng(seed)
+    chosen = generator.integers(0, count, (TRIALS, 5))
+    block = basis[chosen]
+    ridge = np.diag([1e-9, 1e-3, 1e-3, 1e-3])
+    solutions = np.linalg.solve(
+        np.einsum("tki,tkj->tij", block, block) + ridge,
+        np.einsum("tki,tkc->tic", block, shift[chosen]),
+    )
+    distance2 = ((np.einsum("mi,tic->tmc", basis, solutions) - shift) ** 2).sum(axis=2)
+    votes = np.maximum(0.0, 1 - distance2 / tolerance**2).sum(axis=1)
+    votes[np.abs(solutions[:, 1:3]).max(axis=(1, 2)) > 0.3 * size] = -1.0
+    best = int(np.argmax(votes))
+    return distance2[best] < tolerance**2

@@ -8,6 +8,7 @@ Nearness (proportional to inverse depth) stands for depth throughout.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -236,3 +237,45 @@ def fill_unknown(depth_map: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         nearest = good[np.argmin(np.abs(np.arange(height)[:, None] - good[None, :]), axis=1)]
         filled = filled[nearest]
     return np.ascontiguousarray(filled, np.float32)
+
+
+def layer_strips(
+    nearness: npt.NDArray[np.float32], thresholds: npt.NDArray[np.float64], num_subregions: int
+) -> Patches:
+    """Return the thesis' patches: each layer cut into strips side by side along x (Figure 2).
+
+    Parameters
+    ----------
+    nearness : (H, W) float32
+        Without NaN.
+    thresholds : (L + 1,) float64
+        From :func:`pipeline.registration.layers.layer_thresholds`.
+    num_subregions : int
+        R; each strip is W / R columns wide.
+
+    Returns
+    -------
+    Patches
+        L · R patches, layer after layer, strip after strip (empty ones included, with
+        no support), so that patch l·R + r is strip r of layer l.
+    """
+    height, width = nearness.shape
+    edges = np.linspace(0, width, num_subregions + 1).round().astype(int)
+    num_layers = len(thresholds) - 1
+    windows, ranges, planes, support = [], [], [], []
+    for layer in range(num_layers):
+        lo, hi = thresholds[layer], thresholds[layer + 1]
+        for x0, x1 in pairwise(edges):
+            block = nearness[:, x0:x1]
+            inside = (block >= lo) & (block < hi)
+            count = int(inside.sum())
+            windows.append((x0, 0, x1, height))
+            ranges.append((lo, hi))
+            planes.append((float(block[inside].mean()) if count else 0.0, 0.0, 0.0))
+            support.append(count)
+    return Patches(
+        windows=np.array(windows, np.int32).reshape(-1, 4),
+        ranges=np.array(ranges, np.float32).reshape(-1, 2),
+        planes=np.array(planes, float).reshape(-1, 3),
+        support=np.array(support, np.int32),
+    )

@@ -55,9 +55,13 @@ class PreparedView:
     """(H, W), where depth was known."""
     depth_range: float
     """Range of known nearness, 2nd to 98th percentile; 0 where depth says nothing."""
+    metric: bool
+    """Whether nearness is 1 / depth in the units of the calibration."""
 
 
-def prepare(view: View, num_levels: int, smoothing: float = SMOOTHING) -> PreparedView:
+def prepare(
+    view: View, num_levels: int, *, metric: bool = False, smoothing: float = SMOOTHING
+) -> PreparedView:
     """Return the view with its pyramid of ``num_levels`` levels (fewer for tiny images)."""
     luma = np.ascontiguousarray(view.luma)
     if view.depth_map is None:
@@ -99,4 +103,5 @@ def prepare(view: View, num_levels: int, smoothing: float = SMOOTHING) -> Prepar
         raw_coefficients=spline_coefficients(luma),
         known=known,
         depth_range=depth_range,
+        metric=metric,
     )

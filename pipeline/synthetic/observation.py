@@ -16,9 +16,7 @@ DEPTH_LEVELS = 255
 """Stored depth runs from 1 to here; 0 is unknown."""
 
 
-def sampling_taps(
-    sigma: float, support: int, phase: float
-) -> tuple[int, npt.NDArray[np.float64]]:
+def sampling_taps(sigma: float, support: int, phase: float) -> tuple[int, npt.NDArray[np.float64]]:
     """Return the first whole offset and the unit-sum taps of a Gaussian at a fractional position.
 
     Parameters
@@ -56,7 +54,7 @@ def blur_and_sample(
         padding = [(0, 0)] * out.ndim
         padding[axis] = (margin, margin)
         padded = np.pad(out, padding, mode="reflect" if out.shape[axis] > 1 else "edge")
-        total = 0.0
+        total = np.zeros(())
         for number, tap in enumerate(taps):
             start = margin + whole + first + number
             piece = [slice(None)] * out.ndim

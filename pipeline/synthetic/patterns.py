@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -113,9 +114,9 @@ def step(field: Field, edge: float, softness: float) -> Field:
 def coordinates(shape: tuple[int, int]) -> tuple[Field, Field]:
     """Return (x, y) from 0 to 1 across and down the picture, as a row and a column."""
     height, width = shape
-    x = (np.arange(width, dtype=np.float32) + 0.5) / width
-    y = (np.arange(height, dtype=np.float32) + 0.5) / height
-    return x[None, :], y[:, None]
+    x = (np.arange(width) + 0.5) / width
+    y = (np.arange(height) + 0.5) / height
+    return x[None, :].astype(np.float32), y[:, None].astype(np.float32)
 
 
 def letter(
@@ -147,3 +148,44 @@ def letter(
 def turned(picture: Picture) -> Picture:
     """Return the picture turned a quarter clockwise."""
     return np.ascontiguousarray(np.rot90(picture, -1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Canvas:
+    """What a painter gets: how large, how fine, and which chance."""
+
+    shape: tuple[int, int]
+    """Height and width, texels."""
+    density: float
+    """Texels a metre."""
+    seed: tuple[int, ...]
+
+    def noise(
+        self,
+        cell: float | tuple[float, float],
+        layer: int = 0,
+        *,
+        gain: float = 0.75,
+        octaves: int = 12,
+    ) -> Field:
+        """Return noise whose coarsest cells have that size in metres."""
+        across, down = cell if isinstance(cell, tuple) else (cell, cell)
+        return noise(
+            self.shape, (across * self.density, down * self.density), (*self.seed, layer),
+            gain=gain, octaves=octaves,
+        )  # fmt: skip
+
+    def chance(self, layer: int = 0) -> np.random.Generator:
+        """Return a generator of its own for a layer."""
+        return np.random.default_rng([*self.seed, 1000 + layer])
+
+    def part(self, height: float, width: float, layer: int) -> Canvas:
+        """Return a smaller canvas of that size in metres."""
+        shape = (max(8, round(height * self.density)), max(8, round(width * self.density)))
+        return Canvas(shape=shape, density=self.density, seed=(*self.seed, 50 + layer))
+
+
+def wood(canvas: Canvas, dark: Colour, light: Colour, layer: int = 0) -> Picture:
+    """Return planks with their grain along x, between two colours."""
+    grain = canvas.noise((0.3, 0.01), 20 + layer, gain=0.85)
+    return ramp(grain, ((-2.6, dark), (2.6, light)))

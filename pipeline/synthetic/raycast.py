@@ -14,6 +14,8 @@ axes as rows of the rotation:
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -21,10 +23,16 @@ RECTANGLE, SPHERE, CYLINDER = 0, 1, 2
 
 KIND, ROTATION, CENTRE, SIZE, REACH, GLOW = 0, 1, 10, 13, 16, 17
 """Columns: kind, rotation (9), centre (3), size (3: half width, half height, corner radius;
-radius; radius, half height), radius of the enclosing sphere, share of its light
-that that does not depend on the lamp."""
+radius; radius, half height), radius of the enclosing sphere, share of its light that
+does not depend on the lamp."""
 
 NUM_COLUMNS = 18
+
+NOTHING: Any = np.int64(-1)
+"""Number of no object; typed, so that nothing is compiled twice for a literal."""
+
+NEVER = np.bool_(False)
+"""The same for a condition."""
 
 NEAREST = 1e-9
 FARTHEST = 1e30
@@ -102,7 +110,7 @@ def trace(objects, origins, axes, boxes, offset, step, wanted, depth, found):
             if wanted[j, i] == 0:
                 continue
             x = offset[0] + step[0] * i
-            nearest, number = FARTHEST, -1
+            nearest, number = FARTHEST, NOTHING
             for n in range(objects.shape[0]):
                 if x < boxes[n, 0] or y < boxes[n, 1] or x > boxes[n, 2] or y > boxes[n, 3]:
                     continue
@@ -311,7 +319,7 @@ def paint(objects, origins, axes, boxes, blockers, lamp, textures, layout, wante
                 row = part >> (1 + doubled)
                 column = part - (row << (1 + doubled))
                 x, y = i - 0.5 + pitch * (column + 0.5), j - 0.5 + pitch * (row + 0.5)
-                nearest, number = FARTHEST, -1
+                nearest, number = FARTHEST, NOTHING
                 for k in range(count):
                     n = near[k]
                     t = hit(
@@ -349,7 +357,7 @@ def paint(objects, origins, axes, boxes, blockers, lamp, textures, layout, wante
                 u, v = _texture_point(kind, objects[n, SIZE], objects[n, SIZE + 1], px, py, pz)
                 start, rows, columns = layout[n, 0], layout[n, 1], layout[n, 2]
                 x0, x1, f = _neighbours(u * columns - 0.5, columns, kind != RECTANGLE)
-                y0, y1, g = _neighbours(v * rows - 0.5, rows, False)
+                y0, y1, g = _neighbours(v * rows - 0.5, rows, NEVER)
                 w11 = f * g
                 w10, w01 = f - w11, g - w11
                 w00 = np.float32(1.0) - f - w01
@@ -381,13 +389,43 @@ def gather(fine, wanted, taps, out):
             for b in range(8):
                 line_red = line_green = line_blue = np.float32(0.0)
                 for a in range(8):
-                    at = fine[2 * j + 1 + b, 2 * i + 1 + a]
-                    line_red += taps[a] * at[0]
-                    line_green += taps[a] * at[1]
-                    line_blue += taps[a] * at[2]
+                    line_red += taps[a] * fine[2 * j + 1 + b, 2 * i + 1 + a, 0]
+                    line_green += taps[a] * fine[2 * j + 1 + b, 2 * i + 1 + a, 1]
+                    line_blue += taps[a] * fine[2 * j + 1 + b, 2 * i + 1 + a, 2]
                 red += taps[b] * line_red
                 green += taps[b] * line_green
                 blue += taps[b] * line_blue
-            out[j, i, 0] = np.uint8(min(max(red + 0.5, 0.0), 255.0))
-            out[j, i, 1] = np.uint8(min(max(green + 0.5, 0.0), 255.0))
-            out[j, i, 2] = np.uint8(min(max(blue + 0.5, 0.0), 255.0))
+            out[j, i, 0] = np.uint8(
+                max(np.float32(0.0), min(red + np.float32(0.5), np.float32(255.0)))
+            )
+            out[j, i, 1] = np.uint8(
+                max(np.float32(0.0), min(green + np.float32(0.5), np.float32(255.0)))
+            )
+            out[j, i, 2] = np.uint8(
+                max(np.float32(0.0), min(blue + np.float32(0.5), np.float32(255.0)))
+            )
+
+
+def compile_ahead() -> None:
+    """Compile what is not compiled yet, so that it can be done beside other work."""
+    none, origins, axes, boxes = (
+        np.zeros((0, NUM_COLUMNS)),
+        np.zeros((0, 3)),
+        np.zeros((0, 3, 3)),
+        np.zeros((0, 4)),
+    )
+    pixel, number = np.ones((1, 1), np.uint8), np.zeros((1, 1), np.int16)
+    trace(none, origins, axes, boxes, np.zeros(2), np.ones(2), pixel, np.zeros((1, 1)), number)
+    unblocked(
+        none, origins, axes, boxes, np.zeros(3), np.zeros((1, 3)), np.zeros((1, 2)), 0.0,
+        np.zeros(1, np.bool_),
+    )  # fmt: skip
+    paint(
+        none, origins, axes, boxes, np.zeros((0, 0), np.int16), np.zeros(11),
+        np.zeros(0, np.uint8), np.zeros((0, 3), np.int64), pixel, number,
+        np.zeros((2, 2, 3), np.float32),
+    )  # fmt: skip
+    gather(
+        np.zeros((10, 10, 3), np.float32), pixel, np.zeros(8, np.float32),
+        np.zeros((1, 1, 3), np.uint8),
+    )  # fmt: skip

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +31,7 @@ SHADOW_SOFTNESS = 0.035
 AMBIENT_COLOUR = (0.40, 0.43, 0.49)
 LAMP_COLOUR = (1.04, 0.98, 0.88)
 
-FLOOR_STRIPS = ((1.9, 2.75), (2.75, 3.9), (3.9, 5.5), (5.5, 8.8))
+FLOOR_STRIPS = ((2.1, 2.75), (2.75, 3.9), (3.9, 5.5), (5.5, 8.8))
 """Near and far edge of the rows of boards, metres; each has a texture of its own density."""
 
 WALL_CENTRE = np.array([0.0, -1.35, 6.9])
@@ -49,7 +50,6 @@ def turn(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> Rotation:
 
 
 _CORNERS = np.array([[a, b, c] for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)])
-
 
 
 def _spread_directions(count: int) -> npt.NDArray[np.float64]:
@@ -108,7 +108,7 @@ class Body:
         rotation, centre = self.pose(time)
         if self.kind == raycast.SPHERE:
             return centre + 1.03 * self.size[0] * _DIRECTIONS
-        return centre + (_CORNERS * (self.half_extents + 0.02)) @ rotation.T
+        return centre + (_CORNERS * (self.half_extents + 0.008)) @ rotation.T
 
 
 def fixed(rotation: Rotation, *centre: float) -> Callable[[float], Pose]:
@@ -118,7 +118,9 @@ def fixed(rotation: Rotation, *centre: float) -> Callable[[float], Pose]:
 
 
 def _globe(time: float) -> Pose:
-    return turn(roll=math.radians(-16)) @ turn(yaw=-0.5 - 0.62 * time), np.array([0.42, -0.60, 4.25])
+    return turn(roll=math.radians(-16)) @ turn(yaw=-0.5 - 0.62 * time), np.array(
+        [0.42, -0.60, 4.25]
+    )
 
 
 def _globe_stand(time: float) -> Pose:
@@ -126,7 +128,9 @@ def _globe_stand(time: float) -> Pose:
 
 
 def _cube_centre(time: float) -> Pose:
-    return turn(yaw=0.55 + 0.75 * time), np.array([0.28 + 0.10 * math.sin(1.6 * time), -0.19, 2.95])
+    return turn(yaw=0.55 + 0.75 * time), np.array(
+        [0.28 + 0.10 * math.sin(1.6 * time), -0.179, 2.95]
+    )
 
 
 def _cube_face(axis: int) -> Callable[[float], Pose]:
@@ -153,7 +157,7 @@ def _ball(time: float) -> Pose:
     return turn(roll=5.0 * time, pitch=3.0 * time), np.array([x, y, 3.55 - 0.25 * lap])
 
 
-_HANGER = np.array([0.98, -2.9, 3.2])
+_HANGER = np.array([0.92, -2.9, 3.2])
 
 
 def _swing(time: float) -> Rotation:
@@ -177,7 +181,7 @@ def bodies() -> tuple[Body, ...]:
     rectangle, sphere, cylinder = raycast.RECTANGLE, raycast.SPHERE, raycast.CYLINDER
     lying = turn(pitch=-math.pi / 2)
     found = [
-        Body(texture="wall", kind=rectangle, size=(4.3, 1.75, 0.0), group=0, shadow=False,
+        Body(texture="wall", kind=rectangle, size=(4.6, 1.75, 0.0), group=0, shadow=False,
              pose=fixed(turn(yaw=WALL_YAW), *WALL_CENTRE)),
     ]  # fmt: skip
     for strip, (near, far) in enumerate(FLOOR_STRIPS):
@@ -228,8 +232,16 @@ def bodies() -> tuple[Body, ...]:
     return tuple(found)
 
 
+STAGE = bodies()
+"""Everything on the stage of the sample scene."""
+
+
+@lru_cache(maxsize=8)
 def compiled(stage: tuple[Body, ...], time: float) -> npt.NDArray[np.float64]:
-    """Return the stage at a time as the ray caster wants it, (M, NUM_COLUMNS) float64."""
+    """Return the stage at a time as the ray caster wants it, (M, NUM_COLUMNS) float64.
+
+    The result is shared by all views of a frame: not to be written to.
+    """
     table = np.zeros((len(stage), raycast.NUM_COLUMNS))
     for row, body in zip(table, stage, strict=True):
         rotation, centre = body.pose(time)
@@ -244,9 +256,7 @@ def compiled(stage: tuple[Body, ...], time: float) -> npt.NDArray[np.float64]:
 
 def lamp() -> npt.NDArray[np.float64]:
     """Return the lamp as the ray caster wants it, (11,) float64."""
-    return np.array(
-        [*LAMP_POSITION, LAMP_STRENGTH, SHADOW_SOFTNESS, *AMBIENT_COLOUR, *LAMP_COLOUR]
-    )
+    return np.array([*LAMP_POSITION, LAMP_STRENGTH, SHADOW_SOFTNESS, *AMBIENT_COLOUR, *LAMP_COLOUR])
 
 
 def local_frames(
@@ -259,13 +269,22 @@ def local_frames(
     axes = table[:, raycast.ROTATION : raycast.ROTATION + 9].reshape(-1, 3, 3)
     away = centre - table[:, raycast.CENTRE : raycast.CENTRE + 3]
     origins = np.einsum("mij,mj->mi", axes, away)
-    return np.ascontiguousarray(origins), np.ascontiguousarray(axes if rays is None else axes @ rays)
+    return np.ascontiguousarray(origins), np.ascontiguousarray(
+        axes if rays is None else axes @ rays
+    )
 
 
+@lru_cache(maxsize=8)
+def all_corners(stage: tuple[Body, ...], time: float) -> npt.NDArray[np.float64]:
+    """Return the corners of every body's enclosing box, (M, 8, 3) metres; not to be written to."""
+    return np.stack([body.corners(time) for body in stage])
+
+
+@lru_cache(maxsize=8)
 def blockers(stage: tuple[Body, ...], time: float) -> npt.NDArray[np.uint8]:
     """Return in each body's row which bodies may stand before its lamp, then −1, (M, M) int16.
 
-    Enclosing spheres are compared as seen from the lamp.
+    Enclosing spheres are compared as seen from the lamp. Not to be written to.
     """
     away = np.array([body.pose(time)[1] for body in stage]) - LAMP_POSITION
     radius = np.array([float(np.linalg.norm(body.half_extents)) for body in stage])
@@ -273,8 +292,10 @@ def blockers(stage: tuple[Body, ...], time: float) -> npt.NDArray[np.uint8]:
     group = np.array([body.group for body in stage])
     farthest = distance + radius
     cosine = np.clip((away @ away.T) / np.outer(distance, distance), -1, 1)
-    soft = radius[None, :] + 0.02 + SHADOW_SOFTNESS * np.maximum(
-        farthest[:, None] - distance[None, :], 0
+    soft = (
+        radius[None, :]
+        + 0.02
+        + SHADOW_SOFTNESS * np.maximum(farthest[:, None] - distance[None, :], 0)
     )
     apart = np.arcsin(np.minimum(1, radius / distance))[:, None] + np.arcsin(
         np.minimum(1, soft / distance[None, :])
@@ -290,7 +311,7 @@ def blockers(stage: tuple[Body, ...], time: float) -> npt.NDArray[np.uint8]:
     return out
 
 
-def shaded(
+def may_shade(
     directions: npt.NDArray[np.float32],
     reach: npt.NDArray[np.float32],
     group: list[Body],

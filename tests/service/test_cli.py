@@ -14,6 +14,8 @@ import cv2
 import numpy as np
 import pytest
 
+from service.cli import main
+
 ROOT = Path(__file__).parents[2]
 HEIGHT, WIDTH = 22, 34
 PATIENCE = 120.0
@@ -123,14 +125,15 @@ def test_quiet_says_nothing(scene, tmp_path):
         (["--no-such-option"], "--no-such-option"),
     ],
 )
-def test_bad_usage_is_status_2_and_one_line(scene, tmp_path, options, said):
+def test_bad_usage_is_status_2_and_one_line(scene, tmp_path, capsys, options, said):
+    """In this process, for there are many; the others here are processes of their own."""
     options = [option.replace("{folder}", str(tmp_path)) for option in options]
     if "-o" not in options:
         options += ["-o", str(tmp_path / "out.mkv")]
-    done = depthsr("run", scene, *options)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert _is_one_error_line(done.stderr, said), done.stderr
+    assert main(["run", str(scene), *options]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert _is_one_error_line(err, said), err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -243,3 +246,17 @@ def test_set1_of_a_real_scene(scenes_dir, tmp_path):
     assert scores["bicubic"]["psnr"] == pytest.approx(30.5, abs=0.3)
     assert scores["lanczos"]["gain_over_bicubic"] == pytest.approx(0.11, abs=0.05)
     assert "single-view" in done.stdout
+
+
+def test_a_reader_that_goes_away_is_no_error_message(scene):
+    with _start("probe", scene) as process:
+        process.stdout.close()
+        assert process.stderr.read() == ""
+        assert process.wait(PATIENCE) == 1
+
+
+def test_a_terminal_without_unicode_is_served(scene):
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = depthsr("probe", scene, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert f"{WIDTH}\\xd7{HEIGHT}" in done.stdout

@@ -1,0 +1,68 @@
+"""The curve a PSF estimate was read from: text, plot, record (thesis Figures 17 and 18)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pipeline import drawing
+from pipeline.errors import ConfigurationError
+
+
+@dataclass(frozen=True, kw_only=True)
+class PsfCurve:
+    """How well each σ explains a view (or one depth layer of it), and the σ chosen."""
+
+    view_id: str
+    sigmas: tuple[float, ...]
+    """The σ tried, HR pixels, increasing."""
+    errors: tuple[float, ...]
+    """Root mean squared error of the prediction at each σ, grey levels; NaN where it failed."""
+    sigma: float
+    """The σ chosen, HR pixels; may lie between two that were tried."""
+    support: int
+    """The support that goes with it, HR pixels, odd."""
+    layer: int | None = None
+    """Depth layer, 0-based; None: the whole view."""
+
+    def __post_init__(self) -> None:
+        if len(self.sigmas) != len(self.errors) or not self.sigmas:
+            raise ConfigurationError("a PSF curve needs one error for each σ tried")
+
+    @property
+    def title(self) -> str:
+        """What it is the curve of."""
+        of_layer = "" if self.layer is None else f", depth layer {self.layer}"
+        return f"{self.view_id}{of_layer}: σ = {self.sigma:.2f} HR pixels, support {self.support}"
+
+
+def format_psf(curves: Sequence[PsfCurve]) -> str:
+    """Return the curves as text: the choice, then an aligned table."""
+    lines = []
+    for curve in curves:
+        lines.append(curve.title)
+        lines.append("     σ   error")
+        chosen = min(curve.sigmas, key=lambda sigma: abs(sigma - curve.sigma))
+        for sigma, error in zip(curve.sigmas, curve.errors, strict=True):
+            mark = "  ←" if sigma == chosen else ""
+            lines.append(f"{sigma:6.2f}  {error:6.3f}{mark}")
+    return "\n".join(lines)
+
+
+def psf_picture(curves: Sequence[PsfCurve]) -> drawing.Canvas:
+    """Return the curves as plots, one below another."""
+    return drawing.framed(
+        drawing.below(
+            [
+                drawing.curve_plot(
+                    curve.sigmas,
+                    curve.errors,
+                    title=curve.title,
+                    x_label="σ of the PSF, HR pixels",
+                    y_label="error of prediction, grey levels",
+                    marked=curve.sigma,
+                )
+                for curve in curves
+            ]
+        )
+    )

@@ -1,0 +1,213 @@
+"""Motions of many patches: how they start, how they are fitted down a pyramid (thesis Eq. 2).
+
+A motion is 13 numbers: u and v coefficients of the basis 1, X, Y, X², XY, Y² and the
+intensity term ζ, with X and Y measured from the middle of the patch's window in units
+of half its larger side, displacements in LR pixels. Written this way the coefficients
+of one patch are all of the size of pixels, which keeps the fits well conditioned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.registration import kernels
+from pipeline.registration.method import MotionModel
+from pipeline.registration.parallax import ParallaxMotion
+from pipeline.registration.patches import Patches
+from pipeline.registration.prepare import PreparedView
+
+Motions = npt.NDArray[np.float64]
+"""(P, 13) float64, see the module docstring."""
+
+MOTION_SIZE = 13
+OFFSET = 12
+"""Column of the intensity term ζ, grey levels."""
+
+FITTED, TOO_FEW, DEGENERATE, RAN_AWAY = 1, 2, 3, 4
+"""Status of a fit; in all but the first the patch keeps its start."""
+
+SAME_GRID = np.array([1.0, 1.0, 0.0, 0.0])
+NO_DESTINATION = np.zeros((0, 0), np.float32)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FittedMotions:
+    """The motions of a view's patches, and how well they were determined."""
+
+    patches: Patches
+    motion: Motions
+    status: npt.NDArray[np.int32]
+    """(P,): FITTED, or why the start was kept."""
+    scale: npt.NDArray[np.float32]
+    """(P,): robust residual scale, grey levels."""
+    reliable: npt.NDArray[np.float32]
+    """(P,): share of the support within the robust cut-off, 0..1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pass:
+    """One run over all patches at one pyramid level."""
+
+    level: int
+    iterations: int
+    stride: int = 1
+    """Every so many rows and columns take part."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitPrior:
+    """How firmly a motion is held at its start, in directions the texture leaves open."""
+
+    along: float
+    """Standard deviation of the mean displacement along the parallax, LR pixels."""
+    across: float
+    """The same across it, LR pixels."""
+    linear: float = 4.0
+    """Factor on the precision for the linear terms."""
+    quadratic: float = 16.0
+    """The same for the quadratic terms."""
+    offset_mean: float = 0.0
+    """Where ζ is held, grey levels."""
+    offset_sigma: float = 10.0
+    """How firmly, grey levels."""
+
+
+def centres(patches: Patches) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
+    """Return x, y of the windows' middles and half their larger side, each (P,), pixels."""
+    window = patches.windows.astype(float)
+    x = 0.5 * (window[:, 0] + window[:, 2] - 1)
+    y = 0.5 * (window[:, 1] + window[:, 3] - 1)
+    larger = np.maximum(window[:, 2] - window[:, 0], window[:, 3] - window[:, 1])
+    return x, y, np.maximum(0.5 * larger, 1.0)
+
+
+def no_motion(patches: Patches) -> Motions:
+    """Return zero motions."""
+    return np.zeros((len(patches.windows), MOTION_SIZE))
+
+
+def from_parallax(patches: Patches, parallax: ParallaxMotion) -> Motions:
+    """Return the affine motions that the planes of the patches have under a parallax motion.
+
+    Thesis Figure 5: points around the patch's centre are carried over at the depth of
+    the patch (ours: of its fitted plane) and the affine motion between them is taken.
+    """
+    x, y, size = centres(patches)
+    plane = patches.planes
+    motion = no_motion(patches)
+
+    def displacement(along_x: float, along_y: float) -> npt.NDArray:
+        px, py = x + size * along_x, y + size * along_y
+        depth = plane[:, 0] + plane[:, 1] * along_x + plane[:, 2] * along_y
+        return parallax.land(px, py, depth) - np.stack([px, py], axis=-1)
+
+    motion[:, [0, 6]] = displacement(0, 0)
+    motion[:, [1, 7]] = displacement(0.5, 0) - displacement(-0.5, 0)
+    motion[:, [2, 8]] = displacement(0, 0.5) - displacement(0, -0.5)
+    return motion
+
+
+def from_parents(
+    patches: Patches, parents: Patches, parent_motion: Motions, parent: npt.NDArray[np.intp]
+) -> Motions:
+    """Return the motions of parent patches, rewritten about the windows of their children.
+
+    Parameters
+    ----------
+    parent : (P,) int
+        For each child the number of its parent.
+    """
+    x, y, size = centres(patches)
+    parent_x, parent_y, parent_size = (values[parent] for values in centres(parents))
+    ratio = size / parent_size
+    bx, by = (x - parent_x) / parent_size, (y - parent_y) / parent_size
+    motion = no_motion(patches)
+    for first in (0, 6):
+        c, ax, ay, qxx, qxy, qyy = parent_motion[parent, first : first + 6].T
+        motion[:, first] = c + ax * bx + ay * by + qxx * bx**2 + qxy * bx * by + qyy * by**2
+        motion[:, first + 1] = ratio * (ax + 2 * qxx * bx + qxy * by)
+        motion[:, first + 2] = ratio * (ay + 2 * qyy * by + qxy * bx)
+        motion[:, first + 3 : first + 6] = (ratio**2)[:, None] * np.stack([qxx, qxy, qyy], axis=1)
+    motion[:, OFFSET] = parent_motion[parent, OFFSET]
+    return motion
+
+
+def parallax_directions(patches: Patches, parallax: ParallaxMotion | None) -> npt.NDArray:
+    """Return unit vectors (P, 2) in which a wrong depth moves each patch; x where none."""
+    along_x = np.tile([1.0, 0.0], (len(patches.windows), 1))
+    if parallax is None:
+        return along_x
+    x, y, _ = centres(patches)
+    derivative = parallax.parallax(x, y, patches.planes[:, 0])
+    length = np.linalg.norm(derivative, axis=1, keepdims=True)
+    return np.where(length > 1e-12, derivative / np.maximum(length, 1e-12), along_x)
+
+
+def fit_motions(
+    source: PreparedView,
+    reference: PreparedView,
+    patches: Patches,
+    start: Motions,
+    passes: Sequence[Pass],
+    prior: FitPrior,
+    directions: npt.NDArray[np.float64],
+    *,
+    model: MotionModel,
+    noise: float,
+    min_support: int,
+    destination_margin: float | None = None,
+) -> FittedMotions:
+    """Return the motions of all patches, refined from their start by robust Gauss–Newton.
+
+    Parameters
+    ----------
+    start : (P, 13) float64
+        Not modified.
+    passes : sequence of Pass
+        Coarse to fine; levels that the pyramid lacks are left out.
+    directions : (P, 2) float64
+        Unit vectors along which ``prior.along`` holds.
+    noise : float
+        Grey levels; the robust scale is kept above a share of it.
+    min_support : int
+        Fewest LR pixels of a patch.
+    destination_margin : float, optional
+        With destination support: how far beyond the patch's range, units of nearness.
+    """
+    motion = start.copy()
+    count = len(patches.windows)
+    outer = directions[:, :, None] * directions[:, None, :]
+    precision = outer / prior.along**2 + (np.eye(2) - outer) / prior.across**2
+    status = np.full(count, TOO_FEW, np.int32)
+    quality = np.full((count, 2), np.inf, np.float32)
+    strength = np.array([1.0, prior.linear, prior.quadratic])
+    for run in passes:
+        if run.level >= min(len(source.levels), len(reference.levels)):
+            continue
+        finer = 2.0**run.level
+        at, onto = source.levels[run.level], reference.levels[run.level]
+        height, width = at.image.shape
+        windows = patches.windows // int(finer)
+        windows[:, 2:] = np.minimum(-(-patches.windows[:, 2:] // int(finer)), [width, height])
+        motion[:, :OFFSET] /= finer
+        kernels.fit_patches(
+            at.image, at.gradient_x, at.gradient_y, onto.coefficients, SAME_GRID, at.nearness,
+            NO_DESTINATION if destination_margin is None else onto.nearness,
+            destination_margin or 0.0, windows, patches.ranges, int(model), motion,
+            precision * finer**2, strength, prior.offset_mean, prior.offset_sigma**-2,
+            max(noise * (0.6 if run.level == 0 else 0.4), 0.3),
+            max(int(0.5 * min_support / finer**2), 1), run.iterations, TOLERANCE, run.stride,
+            status, quality,
+        )  # fmt: skip
+        motion[:, :OFFSET] *= finer
+    return FittedMotions(
+        patches=patches, motion=motion, status=status, scale=quality[:, 0], reliable=quality[:, 1]
+    )
+
+
+TOLERANCE = 0.02
+"""A fit stops when no point of the patch moves more, pixels of its level."""
