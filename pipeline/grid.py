@@ -17,9 +17,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 
 class Sampling(StrEnum):
@@ -69,6 +71,6 @@ class Grid:
         self, position: npt.NDArray[np.float32]
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Return x and y on the HR grid, (H, W) float32 each, of LR points (H, W, 2)."""
-        x = position[..., 0] * np.float32(self.magnification_x) + np.float32(self.offset_x)
-        y = position[..., 1] * np.float32(self.magnification_y) + np.float32(self.offset_y)
+        x = position[..., 0] * self.magnification_x + self.offset_x
+        y = position[..., 1] * self.magnification_y + self.offset_y
         return x, y

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from pipeline.frames import GreyImage, RegisteredView, Rejection
 from pipeline.grid import Grid
-from pipeline.reconstruction.psf import GaussianPsf, blur, sampling_taps
+from pipeline.reconstruction.psf import GaussianPsf, blur, psf_taps, sampling_taps
 from pipeline.reconstruction.system import HrImage, NormalEquations, padded, sample
 
 IMPOSSIBLE = np.uint8(
@@ -62,10 +62,12 @@ class FusedTuning:
     """σ of the low-pass on the prediction error, LR pixels."""
     box: int = 5
     """Side of the box over which its square is averaged, LR pixels."""
-    alone: tuple[int, int] = (3, 6)
+    alone: tuple[int, int] = (2, 3)
     """Re-weightings and conjugate-gradient steps each, for the reference alone."""
-    together: tuple[int, int] = (3, 6)
+    together: tuple[int, int] = (3, 3)
     """The same for all views."""
+    only: tuple[int, int] = (3, 4)
+    """The same where the reference is the only view."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -192,7 +194,7 @@ def fuse(
     reference = next(index for index, view in enumerate(registered) if view.is_reference)
     own = registered[reference]
     ones = np.ones(lr_shape, np.float32)
-    system = NormalEquations(shape, taps)
+    system = NormalEquations(shape, taps, psf_taps(psf, grid))
     system.gather([(*points[reference], own.observed, ones)])
     estimate = start if start is not None else initial_estimate(own.observed, grid)
     iterations = 0
@@ -210,11 +212,11 @@ def fuse(
             iterations += plan[1]
         return estimate
 
-    estimate = solve(estimate, tuning.alone)
+    estimate = solve(estimate, tuning.alone if len(registered) > 1 else tuning.only)
     weights = [ones if index == reference else None for index in range(len(registered))]
     flags = [view.flags.copy() for view in registered]
     if len(registered) > 1:
-        coefficients = padded(blur(estimate, taps), "symmetric")
+        coefficients = padded(blur(estimate, taps))
         for index, view in enumerate(registered):
             if index == reference:
                 continue
@@ -231,7 +233,7 @@ def fuse(
             ]
         )
         estimate = solve(estimate, tuning.together)
-    coefficients = padded(blur(estimate, taps), "symmetric")
+    coefficients = padded(blur(estimate, taps))
     simulated = tuple(sample(coefficients, *point) for point in points)
     residuals.append(_weighted_rms(simulated, registered, weights))
     return FusedResult(

@@ -13,6 +13,9 @@ from numba import njit
 NUM_COUPLINGS = 13
 """Unique couplings of a 5 × 5 symmetric stencil: itself, 2 to the right, 5 + 5 below."""
 
+SMALLEST_WEIGHT = 0.01
+"""Observations of no more weight are not worth their time."""
+
 _OPTIONS = {
     "nogil": True,
     "cache": True,
@@ -34,7 +37,7 @@ def gather_observations(position_x, position_y, observed, weight, row_lo, row_hi
     position_x, position_y : (H, W) float32
         Landing points, HR pixels.
     observed, weight : (H, W) float32
-        Grey levels; weight ≤ 0 leaves the pixel out.
+        Grey levels; a weight up to ``SMALLEST_WEIGHT`` leaves the pixel out.
     row_lo, row_hi : int
         HR rows of this band, half-open; taps outside it are left to other bands.
     couplings : (13, KH, KW) float32
@@ -51,7 +54,7 @@ def gather_observations(position_x, position_y, observed, weight, row_lo, row_hi
     for row in range(rows):
         for column in range(columns):
             w = weight[row, column]
-            if not w > 0:
+            if not w > SMALLEST_WEIGHT:
                 continue
             py = position_y[row, column]
             centre_y = int(np.floor(py + half))
@@ -83,6 +86,45 @@ def gather_observations(position_x, position_y, observed, weight, row_lo, row_hi
                 tap_y[1] += tap_y[2]
                 tap_y[2] = np.float32(0.0)
             value = w * observed[row, column]
+            if (
+                row_lo < centre_y < row_hi - 1
+                and 0 < centre_x < width - 1
+                and 0 < centre_y < height - 1
+            ):
+                for a in range(3):
+                    y = centre_y + a - 1
+                    x = centre_x - 1
+                    v0 = w * tap_y[a] * tap_x[0]
+                    v1 = w * tap_y[a] * tap_x[1]
+                    v2 = w * tap_y[a] * tap_x[2]
+                    va = value * tap_y[a]
+                    rhs[y, x] += va * tap_x[0]
+                    rhs[y, x + 1] += va * tap_x[1]
+                    rhs[y, x + 2] += va * tap_x[2]
+                    t0 = tap_y[a] * tap_x[0]
+                    t1 = tap_y[a] * tap_x[1]
+                    t2 = tap_y[a] * tap_x[2]
+                    couplings[0, y, x] += v0 * t0
+                    couplings[0, y, x + 1] += v1 * t1
+                    couplings[0, y, x + 2] += v2 * t2
+                    couplings[1, y, x] += v0 * t1
+                    couplings[1, y, x + 1] += v1 * t2
+                    couplings[2, y, x] += v0 * t2
+                    for a2 in range(a + 1, 3):
+                        t0 = tap_y[a2] * tap_x[0]
+                        t1 = tap_y[a2] * tap_x[1]
+                        t2 = tap_y[a2] * tap_x[2]
+                        plane = 5 + 5 * (a2 - a - 1)
+                        couplings[plane, y, x] += v0 * t0
+                        couplings[plane, y, x + 1] += v1 * t1
+                        couplings[plane, y, x + 2] += v2 * t2
+                        couplings[plane + 1, y, x] += v0 * t1
+                        couplings[plane + 1, y, x + 1] += v1 * t2
+                        couplings[plane - 1, y, x + 1] += v1 * t0
+                        couplings[plane - 1, y, x + 2] += v2 * t1
+                        couplings[plane + 2, y, x] += v0 * t2
+                        couplings[plane - 2, y, x + 2] += v2 * t0
+                continue
             for a in range(3):
                 y = centre_y + a - 1
                 if y < row_lo or y >= row_hi or y < 0 or y >= height:
@@ -207,6 +249,34 @@ def apply_prior(weights, image, row_lo, row_hi, strength, out):
             total += weights[3, p, q] * (c - image[v + 1, u + 1])
             total += weights[3, p - 1, q - 1] * (c - image[v - 1, u - 1])
             out[y, x] += s * total
+
+
+@njit(**_OPTIONS)
+def advance(step, direction, applied, estimate, residual, row_lo, row_hi):
+    """Take one step of conjugate gradients in rows of estimate and residual, in place."""
+    s = np.float32(step)
+    for y in range(row_lo, row_hi):
+        for x in range(estimate.shape[1]):
+            estimate[y, x] += s * direction[y, x]
+            residual[y, x] -= s * applied[y, x]
+
+
+@njit(**_OPTIONS)
+def sharpen(image, blurred, amount, row_lo, row_hi, out):
+    """Write image + amount · (image − blurred) into rows of ``out``."""
+    a = np.float32(amount)
+    for y in range(row_lo, row_hi):
+        for x in range(image.shape[1]):
+            out[y, x] = image[y, x] + a * (image[y, x] - blurred[y, x])
+
+
+@njit(**_OPTIONS)
+def turn(factor, sharpened, direction, row_lo, row_hi):
+    """Write the next conjugate direction, sharpened + factor · direction, in place."""
+    f = np.float32(factor)
+    for y in range(row_lo, row_hi):
+        for x in range(direction.shape[1]):
+            direction[y, x] = sharpened[y, x] + f * direction[y, x]
 
 
 @njit(**_OPTIONS)

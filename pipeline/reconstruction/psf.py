@@ -107,6 +107,12 @@ def psf_axes(psf: GaussianPsf, grid: Grid) -> tuple[GaussianPsf | None, Gaussian
     )
 
 
+def psf_taps(psf: GaussianPsf, grid: Grid) -> SeparableTaps:
+    """Return the taps of the PSF along both axes, at whole HR positions."""
+    x, y = (np.ones(1) if axis is None else axis.taps_at(0.0) for axis in psf_axes(psf, grid))
+    return SeparableTaps(x=x, y=y)
+
+
 def sampling_taps(psf: GaussianPsf, grid: Grid) -> SeparableTaps:
     """Return the taps from an estimate to the spline coefficients that observations sample."""
     x, y = (

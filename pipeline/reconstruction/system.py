@@ -24,10 +24,13 @@ from pipeline.reconstruction.psf import SeparableTaps, blur
 from pipeline.threads import map_threads
 
 PAD = 2
-"""Zero pixels around stencil and image, so that the stencil needs no border case."""
+"""Pixels around stencil and images, so that the loops need no border case."""
 
 NUM_BANDS = 4
 """Bands of HR rows that are worked on side by side; fixed, so that sums never reorder."""
+
+SHARPENING = 16.0
+"""β of the preconditioner; halves the iterations against none, little changed from 4 to 25."""
 
 HrImage = npt.NDArray[np.float32]
 """(K·H, K·W) float32."""
@@ -39,9 +42,9 @@ def bands(height: int) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in pairwise(edges)]
 
 
-def padded(image: HrImage, mode: str) -> HrImage:
-    """Return the image with ``PAD`` pixels around it: zeros ("constant") or "symmetric"."""
-    return np.pad(image, PAD, mode=mode)  # type: ignore[call-overload]
+def padded(image: HrImage) -> HrImage:
+    """Return the image with ``PAD`` pixels around it, reflected about its edge."""
+    return np.pad(image, PAD, mode="symmetric")
 
 
 class NormalEquations:
@@ -53,14 +56,22 @@ class NormalEquations:
         Height and width of the HR grid.
     taps : SeparableTaps
         From the estimate to spline coefficients, see :func:`psf.sampling_taps`.
+    sharpening : SeparableTaps
+        The PSF, for the preconditioner.
     """
 
-    def __init__(self, shape: tuple[int, int], taps: SeparableTaps) -> None:
+    def __init__(
+        self, shape: tuple[int, int], taps: SeparableTaps, sharpening: SeparableTaps
+    ) -> None:
         self.shape = shape
         self.taps = taps
+        self.sharpening = sharpening
         height, width = shape
+        # the padding also keeps the planes from lying a power of two apart in memory,
+        # where they would compete for the same lines of the processor's cache
         self._couplings = np.zeros((kernels.NUM_COUPLINGS, height + 4, width + 4), np.float32)
         self._rhs = np.zeros(shape, np.float32)
+        self._bands = bands(shape[0])
 
     def gather(self, observations: Sequence[tuple[HrImage, HrImage, HrImage, HrImage]]) -> None:
         """Add observations: (x, y, value, weight) of each view, (H, W) float32, HR pixels."""
@@ -70,7 +81,7 @@ class NormalEquations:
             for x, y, value, weight in observations:
                 kernels.gather_observations(x, y, value, weight, *band, inner, self._rhs)
 
-        map_threads(add, bands(self.shape[0]))
+        map_threads(add, self._bands)
 
     @property
     def density(self) -> HrImage:
@@ -87,17 +98,17 @@ class NormalEquations:
         strength : float
             λ.
         """
-        coefficients = padded(blur(image, self.taps), "constant")
+        coefficients = np.pad(blur(image, self.taps), PAD)
         sampled = np.empty(self.shape, np.float32)
-        split = bands(self.shape[0])
         map_threads(
             lambda band: kernels.apply_couplings(self._couplings, coefficients, *band, sampled),
-            split,
+            self._bands,
         )
         result = blur(sampled, self.taps)
-        surrounded = padded(image, "constant")
+        surrounded = np.pad(image, PAD)
         map_threads(
-            lambda band: kernels.apply_prior(prior, surrounded, *band, strength, result), split
+            lambda band: kernels.apply_prior(prior, surrounded, *band, strength, result),
+            self._bands,
         )
         return result
 
@@ -105,32 +116,59 @@ class NormalEquations:
         """Return the prior's weights at an estimate, (4, KH + 2, KW + 2) float32."""
         height, width = self.shape
         weights = np.zeros((4, height + 2, width + 2), np.float32)
-        map_threads(
-            lambda band: kernels.edge_weights(estimate, scale, *band, weights), bands(height)
-        )
+        map_threads(lambda band: kernels.edge_weights(estimate, scale, *band, weights), self._bands)
         return weights
 
     def descend(
         self, estimate: HrImage, prior: npt.NDArray[np.float32], strength: float, iterations: int
     ) -> HrImage:
-        """Return the estimate after so many steps of conjugate gradients, a new array."""
+        """Return the estimate after so many steps of conjugate gradients, a new array.
+
+        Preconditioned: see :meth:`_sharpen`.
+        """
         estimate = estimate.copy()
         residual = blur(self._rhs, self.taps)
         residual -= self.apply(estimate, prior, strength)
-        direction = residual.copy()
-        energy = float(np.vdot(residual, residual))
-        for _ in range(iterations):
+        sharpened = self._sharpen(residual)
+        direction = sharpened.copy()
+        energy = float(np.vdot(residual, sharpened))
+        for iteration in range(iterations):
             applied = self.apply(direction, prior, strength)
             curvature = float(np.vdot(direction, applied))
             if not (energy > 0 and curvature > 0):
                 break
-            step = np.float32(energy / curvature)
-            estimate += step * direction
-            residual -= step * applied
-            previous, energy = energy, float(np.vdot(residual, residual))
-            direction *= np.float32(energy / previous)
-            direction += residual
+            self._advance(energy / curvature, direction, applied, estimate, residual)
+            if iteration + 1 == iterations:
+                break
+            sharpened = self._sharpen(residual)
+            previous, energy = energy, float(np.vdot(residual, sharpened))
+            self._turn(energy / previous, sharpened, direction)
         return estimate
+
+    def _advance(
+        self, step: float, direction: HrImage, applied: HrImage, estimate: HrImage,
+        residual: HrImage,
+    ) -> None:  # fmt: skip
+        map_threads(
+            lambda band: kernels.advance(step, direction, applied, estimate, residual, *band),
+            self._bands,
+        )
+
+    def _turn(self, factor: float, sharpened: HrImage, direction: HrImage) -> None:
+        map_threads(lambda band: kernels.turn(factor, sharpened, direction, *band), self._bands)
+
+    def _sharpen(self, image: HrImage) -> HrImage:
+        """Return (1 + β) I − β G times the image: the preconditioner, a new array.
+
+        What the PSF has weakened converges slowly; a step of unsharp masking with the PSF
+        itself weighs it up. Symmetric, and positive definite as 0 ≤ G ≤ 1.
+        """
+        blurred = blur(image, self.sharpening)
+        result = np.empty(self.shape, np.float32)
+        map_threads(
+            lambda band: kernels.sharpen(image, blurred, SHARPENING, *band, result), self._bands
+        )
+        return result
 
 
 def simulate(
@@ -140,7 +178,7 @@ def simulate(
 
     Thesis Eq. 8, the sum. Adjoint of the gathering of a residual with unit weights.
     """
-    coefficients = padded(blur(estimate, taps), "symmetric")
+    coefficients = padded(blur(estimate, taps))
     return sample(coefficients, x, y)
 
 

@@ -73,8 +73,8 @@ FREE = FitPrior(along=1e3, across=1e3, linear=1.0, quadratic=1.0, offset_sigma=1
 
 STRIP_PASSES = tuple(Pass(level=level, iterations=8) for level in (4, 3, 2, 1, 0))
 
-COARSE_PASSES = (Pass(level=1, iterations=5),)
-FINE_PASSES = (Pass(level=0, iterations=3, stride=2), Pass(level=0, iterations=2))
+COARSE_PASSES = (Pass(level=1, iterations=4),)
+FINE_PASSES = (Pass(level=0, iterations=3, stride=2), Pass(level=0, iterations=1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

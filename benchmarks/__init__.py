@@ -1,0 +1,7 @@
+"""What the project measures about itself.
+
+* ``python -m benchmarks``: how fast, and how much memory (:mod:`speed`, :mod:`memory`);
+* ``python -m benchmarks.quality``: how good (:mod:`set1`, :mod:`rendered`).
+
+Both judge what they found by the floors of :mod:`floors`. Nothing here is installed.
+"""

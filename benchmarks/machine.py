@@ -1,0 +1,47 @@
+"""What a measurement was made on: enough to compare, nothing that names the machine."""
+
+from __future__ import annotations
+
+import platform
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pipeline.report import versions
+from pipeline.threads import available_cores
+
+
+def today() -> str:
+    """Return the date (UTC), as 2025-01-31."""
+    return datetime.now(UTC).date().isoformat()
+
+
+def cpu_model() -> str:
+    """Return the name of the processor, as far as the system tells."""
+    table = Path("/proc/cpuinfo")
+    if table.is_file():
+        for line in table.read_text(encoding="utf-8", errors="replace").splitlines():
+            key, _, value = line.partition(":")
+            if key.strip() == "model name" and value.strip():
+                return " ".join(value.split())
+    return platform.processor() or platform.machine() or "unknown processor"
+
+
+def machine() -> dict[str, str]:
+    """Return processor, cores, system and versions, by what they are."""
+    return {
+        "processor": cpu_model(),
+        "cores": str(available_cores()),
+        "system": f"{platform.system()} {platform.machine()}",
+        **versions(),
+    }
+
+
+def described() -> str:
+    """Return the machine in one line."""
+    facts = machine()
+    packages = ", ".join(
+        f"{name} {version}"
+        for name, version in facts.items()
+        if name not in ("processor", "cores", "system")
+    )
+    return f"{facts['processor']}, {facts['cores']} cores, {facts['system']}; {packages}"
