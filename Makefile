@@ -1,6 +1,7 @@
 # make demo    render a small scene, super-resolve it, look at it (demo/)
 # make test    format, lint and tests: what .ci/run runs
 # make bench   the benchmark table
+# make quality the tables of quality; DEPTHSR_SCENES names the folder of the real scenes
 # make lint    format and lint alone
 # make types   static types
 # make lock    write the lock files anew (needs pip-tools)
@@ -8,7 +9,7 @@
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: demo test bench lint types lock system clean
+.PHONY: demo test bench quality lint types lock system clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -27,6 +28,9 @@ test: $(DEV) system
 
 bench: $(RUN)
 	$(BIN)/python -m benchmarks
+
+quality: $(RUN)
+	$(BIN)/python -m benchmarks.quality
 
 lint: $(DEV)
 	$(BIN)/ruff check .

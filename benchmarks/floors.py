@@ -1,6 +1,6 @@
 """The floors that the project has set itself, and whether measured numbers reach them.
 
-Pure functions: numbers in, verdicts out. What was not measured is neither met nor missed.
+Pure functions: numbers in, verdicts out. What was not measured is not judged.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from benchmarks.tables import Table, number, signed
+from benchmarks.tables import NOT_MEASURED, Table, number, signed
 
 COLD_FRAME = 2000.0
 """Largest time of a cold frame, multiples of the unit."""
@@ -54,12 +54,12 @@ class Verdict:
     floor: str
     measured: str
     met: bool | None
-    """None where it was not measured."""
+    """None where it was not measured, or not with what the floor is about."""
 
     @property
     def word(self) -> str:
-        """``met``, ``not met`` or ``not measured``."""
-        return {True: "met", False: "not met", None: "not measured"}[self.met]
+        """``met``, ``not met`` or ``not judged``."""
+        return {True: "met", False: "not met", None: "not judged"}[self.met]
 
 
 def verdict_table(verdicts: Iterable[Verdict]) -> Table:
@@ -75,7 +75,7 @@ def at_most(floor: str, value: float, limit: float, *, digits: int = 2, unit: st
     """Return whether a value is not above a limit; NaN is not measured."""
     return Verdict(
         floor=floor,
-        measured=f"{number(value, digits)}{unit}",
+        measured=_with_unit(value, digits, unit),
         met=None if math.isnan(value) else value <= limit,
     )
 
@@ -84,9 +84,13 @@ def at_least(floor: str, value: float, limit: float, *, digits: int = 2, unit: s
     """Return whether a value is not below a limit; NaN is not measured."""
     return Verdict(
         floor=floor,
-        measured=f"{number(value, digits)}{unit}",
+        measured=_with_unit(value, digits, unit),
         met=None if math.isnan(value) else value >= limit,
     )
+
+
+def _with_unit(value: float, digits: int, unit: str) -> str:
+    return NOT_MEASURED if math.isnan(value) else f"{number(value, digits)}{unit}"
 
 
 def fitted_exponent(sizes: Sequence[float], costs: Sequence[float]) -> float:
@@ -234,9 +238,7 @@ def set1_floors(cells: Sequence[Set1Cell]) -> list[Verdict]:
     return verdicts
 
 
-def _in_every_cell(
-    floor: str, gains: Mapping[str, float], limit: float, said: str = ""
-) -> Verdict:
+def _in_every_cell(floor: str, gains: Mapping[str, float], limit: float, said: str = "") -> Verdict:
     """Return whether every gain reaches the limit; the worst one is named."""
     if not gains:
         return Verdict(floor=floor, measured="", met=None)

@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ the peak of the one that started it."""
 
 def save_frame(path: Path, frame: MultiViewFrame) -> None:
     """Write luma, depth and ids of a frame."""
-    arrays = {
+    arrays: dict[str, Any] = {
         "luma": np.stack([view.luma for view in frame.views]),
         "ids": np.array([view.view_id for view in frame.views]),
         "eyes": np.array([frame.left, frame.right]),

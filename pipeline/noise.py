@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.frames import GreyImage, View
+from pipeline.threads import map_threads
 
 BLOCK = 8
 """Side of a block, LR pixels."""
@@ -133,7 +134,7 @@ def estimate_noise_of_views(views: Iterable[View]) -> float:
     ValueError
         If there is no view.
     """
-    estimates = [estimate_noise(view.luma) for view in views]
+    estimates = map_threads(lambda view: estimate_noise(view.luma), views)
     if not estimates:
         raise ValueError("no views to estimate the noise of")
     return float(np.median(estimates))

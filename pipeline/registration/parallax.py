@@ -91,12 +91,32 @@ def from_calibration(source: Calibration, reference: Calibration) -> ParallaxMot
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def _correlation(patch, energy, reference, cx, cy, radius):
+    """Return the normalised cross-correlation of a zero-mean patch with the image at (cx, cy)."""
+    side = 2 * radius + 1
+    cross = np.float32(0.0)
+    total = np.float32(0.0)
+    square = np.float32(0.0)
+    for a in range(side):
+        for b in range(side):
+            value = reference[cy + a - radius, cx + b - radius]
+            cross += patch[a, b] * value
+            total += value
+            square += value * value
+    spread = square - total * total / (side * side)
+    return cross / np.sqrt(energy * max(spread, np.float32(1e-3)) + np.float32(1e-3))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def _search(source, reference, points, radius, reach_x, reach_y, shift, score):
-    """Write for each point the whole-pixel shift of best normalised cross-correlation."""
+    """Write for each point the shift of best normalised cross-correlation, to sub-pixels.
+
+    Every second column is tried, then the neighbours of the best.
+    """
     height, width = source.shape
     side = 2 * radius + 1
     patch = np.empty((side, side), np.float32)
-    scores = np.empty((2 * reach_y + 1, 2 * reach_x + 1), np.float32)
+    near = np.empty((3, 3), np.float32)
     for k in range(points.shape[0]):
         px, py = points[k, 0], points[k, 1]
         mean = np.float32(0.0)
@@ -113,43 +133,47 @@ def _search(source, reference, points, radius, reach_x, reach_y, shift, score):
         best = np.float32(-2.0)
         best_x = 0
         best_y = 0
-        scores[:] = -2.0
         for dy in range(-reach_y, reach_y + 1):
             cy = py + dy
             if cy < radius or cy >= height - radius:
                 continue
-            for dx in range(-reach_x, reach_x + 1):
-                cx = px + dx
-                if cx < radius or cx >= width - radius:
-                    continue
-                cross = np.float32(0.0)
-                total = np.float32(0.0)
-                square = np.float32(0.0)
-                for a in range(side):
-                    for b in range(side):
-                        value = reference[cy + a - radius, cx + b - radius]
-                        cross += patch[a, b] * value
-                        total += value
-                        square += value * value
-                spread = square - total * total / (side * side)
-                ncc = cross / np.sqrt(energy * max(spread, np.float32(1e-3)) + np.float32(1e-3))
-                scores[dy + reach_y, dx + reach_x] = ncc
+            first = max(-reach_x, radius - px)
+            last = min(reach_x, width - radius - 1 - px)
+            for dx in range(first, last + 1, 2):
+                ncc = _correlation(patch, energy, reference, px + dx, cy, radius)
                 if ncc > best:
                     best = ncc
                     best_x = dx
                     best_y = dy
-        i = best_y + reach_y
-        j = best_x + reach_x
+        # climb to the very top, one pixel at a time
+        for _ in range(3):
+            for i in range(3):
+                for j in range(3):
+                    cx = px + best_x + j - 1
+                    cy = py + best_y + i - 1
+                    if radius <= cx < width - radius and radius <= cy < height - radius:
+                        near[i, j] = _correlation(patch, energy, reference, cx, cy, radius)
+                    else:
+                        near[i, j] = -2.0
+            top = 4
+            for m in range(9):
+                if near[m // 3, m % 3] > near[top // 3, top % 3]:
+                    top = m
+            best = near[top // 3, top % 3]
+            if top == 4:
+                break
+            best_y += top // 3 - 1
+            best_x += top % 3 - 1
         sub_x = np.float32(0.0)
         sub_y = np.float32(0.0)
-        if 0 < j < 2 * reach_x and scores[i, j - 1] > -1.5 and scores[i, j + 1] > -1.5:
-            bend = scores[i, j - 1] - 2 * best + scores[i, j + 1]
+        if top == 4 and near[1, 0] > -1.5 and near[1, 2] > -1.5:
+            bend = near[1, 0] - 2 * best + near[1, 2]
             if bend < 0:
-                sub_x = np.float32(0.5) * (scores[i, j - 1] - scores[i, j + 1]) / bend
-        if 0 < i < 2 * reach_y and scores[i - 1, j] > -1.5 and scores[i + 1, j] > -1.5:
-            bend = scores[i - 1, j] - 2 * best + scores[i + 1, j]
+                sub_x = np.float32(0.5) * (near[1, 0] - near[1, 2]) / bend
+        if top == 4 and near[0, 1] > -1.5 and near[2, 1] > -1.5:
+            bend = near[0, 1] - 2 * best + near[2, 1]
             if bend < 0:
-                sub_y = np.float32(0.5) * (scores[i - 1, j] - scores[i + 1, j]) / bend
+                sub_y = np.float32(0.5) * (near[0, 1] - near[2, 1]) / bend
         shift[k, 0] = best_x + sub_x
         shift[k, 1] = best_y + sub_y
         score[k] = best

@@ -14,10 +14,10 @@ from numba import njit
 from pipeline.frames import GreyImage, Positions, Rejection
 from pipeline.registration import kernels
 
-EDGE_JUMP = 1.0
-"""Difference of neighbouring displacements that makes an edge, LR pixels."""
+EDGE_JUMP = 0.5
+"""Difference of adjacent pixels' displacements that makes an edge, LR pixels."""
 
-EDGE_REACH = 3
+EDGE_REACH = 4
 """How far from an edge pixels are held to a stricter T_w, LR pixels."""
 
 EDGE_STRICTNESS = 0.5
@@ -133,31 +133,38 @@ def verify(
     square = np.where(np.isfinite(weights), weights * weights, np.float32(1e6))
     mean_square = cv2.blur(square, (3, 3), borderType=cv2.BORDER_REFLECT)
     flags = np.empty(weights.shape, np.uint8)
-    jump = motion_jump(position, EDGE_REACH)
-    beside = (jump > EDGE_JUMP) & (mean_square > (EDGE_STRICTNESS * weight_threshold) ** 2)
+    beside = beside_jump(position, EDGE_REACH)
+    beside &= mean_square > (EDGE_STRICTNESS * weight_threshold) ** 2
     limits = np.array([weight_threshold**2, depth_threshold, depth_threshold], np.float32)
     _flag(
         position, mean_square, nearness, known, reference_nearness, reference_known, nearest,
         limits, flags,
     )  # fmt: skip
-    flags[beside | (motion_jump(position, 1) > EDGE_JUMP)] |= np.uint8(Rejection.EDGE)
+    flags[beside | beside_jump(position, 1)] |= np.uint8(Rejection.EDGE)
     return flags
 
 
-def motion_jump(position: Positions, reach: int) -> npt.NDArray[np.float32]:
-    """Return by how much the displacement varies within ``reach`` of each pixel, (H, W) px.
+def beside_jump(position: Positions, reach: int) -> npt.NDArray[np.bool_]:
+    """Return which pixels lie within ``reach`` of a jump of the motion, (H, W) bool.
 
-    Pixels without a motion count as a jump.
+    A jump is a difference of more than ``EDGE_JUMP`` between the displacements of two
+    adjacent pixels, so that a slanted surface has none; a pixel without a motion makes one.
     """
     height, width = position.shape[:2]
-    box = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     x = np.arange(width, dtype=np.float32)[None, :]
     y = np.arange(height, dtype=np.float32)[:, None]
-    ranges = []
+    jumps = np.zeros((height, width), np.uint8)
     for displacement in (position[..., 0] - x, position[..., 1] - y):
         known = np.nan_to_num(displacement, nan=1e4)
-        ranges.append(cv2.dilate(known, box) - cv2.erode(known, box))
-    return np.maximum(*ranges)
+        sideways = np.abs(np.diff(known, axis=1)) > EDGE_JUMP
+        downwards = np.abs(np.diff(known, axis=0)) > EDGE_JUMP
+        jumps[:, 1:] |= sideways
+        jumps[:, :-1] |= sideways
+        jumps[1:] |= downwards
+        jumps[:-1] |= downwards
+    # both pixels of a jump are within reach one of it
+    side = 2 * (reach - 1) + 1
+    return cv2.dilate(jumps, np.ones((side, side), np.uint8)).astype(bool)
 
 
 def count_rejections(flags: npt.NDArray[np.uint8]) -> dict[str, int]:

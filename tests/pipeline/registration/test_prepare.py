@@ -32,10 +32,10 @@ def _grid(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_sampling_at_whole_pixels_gives_the_pixels(shape):
-    """The prefilter inverts the spline; nine of its taps leave 10⁻⁴ of the range."""
+    """The prefilter inverts the spline; nine of its taps leave 10⁻³ of the range."""
     image = _picture(*shape)
     sampled = _sampled(spline_coefficients(image), *_grid(shape))
-    np.testing.assert_allclose(sampled, image, atol=0.06)
+    np.testing.assert_allclose(sampled, image, atol=0.25)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -141,7 +141,7 @@ def test_smoothing_tames_noise_but_not_the_raw_coefficients():
     view = prepare(_view(luma), 1)
     assert view.levels[0].image.std() < 0.6 * luma.std()
     raw = _sampled(view.raw_coefficients, *_grid((40, 50)))
-    np.testing.assert_allclose(raw, luma, atol=0.06)
+    np.testing.assert_allclose(raw, luma, atol=0.25)
     sharp = prepare(_view(luma), 1, smoothing=0.0)
     np.testing.assert_array_equal(sharp.levels[0].image, luma)
 

@@ -1,0 +1,351 @@
+"""The gathered normal equations: adjoint to simulation, symmetric, and they solve the problem."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.grid import Grid, Sampling
+from pipeline.reconstruction import kernels
+from pipeline.reconstruction.psf import GaussianPsf, SeparableTaps, sampling_taps
+from pipeline.reconstruction.system import NormalEquations, bands, simulate
+
+PSF = GaussianPsf(sigma=1.0, support=7)
+GRID = Grid(magnification_x=2, magnification_y=2, sampling=Sampling.AREA)
+TAPS = sampling_taps(PSF, GRID)
+HR_SHAPE = (22, 34)
+"""(KH, KW) of most tests."""
+
+
+def _image(shape=HR_SHAPE, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(0, 255, shape).astype(np.float32)
+
+
+def _observations(shape=HR_SHAPE, count=(9, 14), seed: int = 1):
+    """Points anywhere in the HR image and a little outside, with values and weights."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(-1.5, shape[1] + 0.5, count).astype(np.float32)
+    y = rng.uniform(-1.5, shape[0] + 0.5, count).astype(np.float32)
+    value = rng.uniform(0, 255, count).astype(np.float32)
+    weight = rng.uniform(0, 1, count).astype(np.float32)
+    weight[rng.random(count) < 0.2] = 0
+    return x, y, value, weight
+
+
+def _no_prior(shape=HR_SHAPE) -> np.ndarray:
+    return np.zeros((4, shape[0] + 2, shape[1] + 2), np.float32)
+
+
+def _system(observations, shape=HR_SHAPE, taps=TAPS) -> NormalEquations:
+    system = NormalEquations(shape, taps)
+    system.gather([observations])
+    return system
+
+
+def _seen(image, x, y, taps=TAPS) -> np.ndarray:
+    """What is observed at the points; zero outside, as the system has it."""
+    return np.nan_to_num(simulate(image, taps, x, y)).astype(float)
+
+
+# --- adjoint -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 8), (6, 1), (2, 2), (3, 10), HR_SHAPE])
+@given(seed=st.integers(0, 99))
+def test_the_energy_of_an_image_is_that_of_its_samples(shape, seed):
+    """<BᵀMB f, f> = Σ w (sample of B f)², for points inside the image."""
+    x, y, value, weight = _observations(shape, seed=seed)
+    system = _system((x, y, value, weight), shape)
+    image = _image(shape, seed)
+    applied = system.apply(image, _no_prior(shape), 0.0)
+    energy = np.vdot(applied.astype(float), image)
+    expected = (weight * _seen(image, x, y) ** 2).sum()
+    assert energy == pytest.approx(expected, rel=2e-4, abs=1.0)
+
+
+@given(seed=st.integers(0, 99))
+def test_the_right_hand_side_is_adjoint_to_simulation(seed):
+    """<Bᵀ b, f> = Σ w y (sample of B f)."""
+    x, y, value, weight = _observations(seed=seed)
+    system = _system((x, y, value, weight))
+    # one step of steepest descent from zero goes along Bᵀ b
+    start = np.zeros(HR_SHAPE, np.float32)
+    step = system.descend(start, _no_prior(), 0.0, 1)
+    rhs = step.astype(float) / np.abs(step).max()
+    image = _image(seed=seed + 1)
+    products = {
+        "image": (np.vdot(rhs, image), (weight * value * _seen(image, x, y)).sum()),
+        "one": (rhs.sum(), (weight * value * _seen(np.ones_like(image), x, y)).sum()),
+    }
+    assert products["image"][0] / products["one"][0] == pytest.approx(
+        products["image"][1] / products["one"][1], rel=1e-3
+    )
+
+
+@given(seed=st.integers(0, 99), strength=st.floats(0, 2))
+def test_the_matrix_is_symmetric_and_positive(seed, strength):
+    system = _system(_observations(seed=seed))
+    prior = system.edge_weights(_image(seed=seed + 5), 8.0)
+    first, second = (_image(seed=seed + k) - np.float32(100) for k in range(2))
+    one = np.vdot(system.apply(first, prior, strength).astype(float), second)
+    two = np.vdot(system.apply(second, prior, strength).astype(float), first)
+    scale = np.linalg.norm(system.apply(first, prior, strength)) * np.linalg.norm(second)
+    assert abs(one - two) < 1e-5 * scale
+    assert np.vdot(system.apply(first, prior, strength).astype(float), first) > 0
+
+
+def test_the_matrix_is_linear():
+    system = _system(_observations())
+    prior = system.edge_weights(_image(seed=7), 8.0)
+    first, second = _image(seed=1), _image(seed=2)
+    both = system.apply(2 * first - second, prior, 0.3)
+    apart = 2 * system.apply(first, prior, 0.3) - system.apply(second, prior, 0.3)
+    np.testing.assert_allclose(both, apart, atol=0.02 * np.abs(apart).max() * 0.01 + 0.01)
+
+
+# --- gathering ---------------------------------------------------------------------------
+
+
+def test_gathering_twice_is_gathering_both():
+    first, second = _observations(seed=1), _observations(count=(4, 5), seed=2)
+    together = NormalEquations(HR_SHAPE, TAPS)
+    together.gather([first, second])
+    apart = _system(first)
+    apart.gather([second])
+    image = _image()
+    np.testing.assert_allclose(
+        apart.apply(image, _no_prior(), 0.0), together.apply(image, _no_prior(), 0.0), atol=1e-3
+    )
+    np.testing.assert_allclose(apart.density, together.density, atol=1e-6)
+
+
+def test_weights_scale_what_they_weigh_and_zero_leaves_out():
+    x, y, value, weight = _observations()
+    image = _image()
+    once, thrice = (
+        _system((x, y, value, np.float32(factor) * weight)).apply(image, _no_prior(), 0.0)
+        for factor in (1, 3)
+    )
+    np.testing.assert_allclose(thrice, 3 * once, rtol=1e-3, atol=1e-2)
+    nothing = _system((x, y, value, 0 * weight))
+    assert not nothing.density.any()
+    value[weight == 0] = np.nan
+    x[weight == 0] = np.nan
+    again = _system((x, y, value, weight)).apply(image, _no_prior(), 0.0)
+    np.testing.assert_array_equal(again, once)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -1e9, 1e9])
+def test_points_outside_the_image_bring_nothing(bad):
+    x, y, value, weight = (array.copy() for array in _observations(count=(2, 3)))
+    x[:], weight[:] = bad, 1
+    system = _system((x, y, value, weight))
+    assert not system.density.any()
+    assert not system.apply(_image(), _no_prior(), 0.0).any()
+
+
+def test_density_is_where_the_observations_are():
+    one = np.ones((1, 1), np.float32)
+    system = _system((20 * one, 5 * one, one, one))
+    at = np.unravel_index(np.argmax(system.density), HR_SHAPE)
+    assert at == (5, 20)
+    assert np.argwhere(system.density).min(axis=0).tolist() == [4, 19]
+    assert np.argwhere(system.density).max(axis=0).tolist() == [6, 21]
+    twice = _system((20 * one, 5 * one, one, 2 * one))
+    np.testing.assert_allclose(twice.density, 2 * system.density, rtol=1e-6)
+
+
+@pytest.mark.parametrize("height", [1, 2, 3, 7, 22, 401])
+def test_bands_cover_every_row_once(height):
+    rows = [row for low, high in bands(height) for row in range(low, high)]
+    assert rows == list(range(height))
+    assert all(low < high for low, high in bands(height))
+
+
+@given(seed=st.integers(0, 20), cuts=st.lists(st.integers(1, HR_SHAPE[0] - 1), max_size=4))
+def test_gathering_by_bands_is_gathering_at_once(seed, cuts):
+    observations = _observations(count=(11, 17), seed=seed)
+    edges = [0, *sorted(set(cuts)), HR_SHAPE[0]]
+    results = []
+    for split in ([0, HR_SHAPE[0]], edges):
+        couplings = np.zeros((kernels.NUM_COUPLINGS, *HR_SHAPE), np.float32)
+        rhs = np.zeros(HR_SHAPE, np.float32)
+        for low, high in zip(split[:-1], split[1:], strict=True):
+            kernels.gather_observations(*observations, low, high, couplings, rhs)
+        results.append((couplings, rhs))
+    (couplings, rhs), (by_bands, rhs_by_bands) = results
+    assert couplings[0].sum() > 0
+    np.testing.assert_array_equal(by_bands, couplings)
+    np.testing.assert_array_equal(rhs_by_bands, rhs)
+
+
+@given(cuts=st.lists(st.integers(1, HR_SHAPE[0] - 1), max_size=4))
+def test_stencil_prior_and_samples_by_bands_are_the_same_bits(cuts):
+    system = _system(_observations())
+    image = np.pad(_image(), 2)
+    couplings = np.random.default_rng(0).normal(size=(13, 26, 38)).astype(np.float32)
+    x, y, _, _ = _observations(count=(HR_SHAPE[0], 7))
+    results = []
+    for split in ([0, HR_SHAPE[0]], [0, *sorted(set(cuts)), HR_SHAPE[0]]):
+        stencil = np.empty(HR_SHAPE, np.float32)
+        weights = np.zeros((4, HR_SHAPE[0] + 2, HR_SHAPE[1] + 2), np.float32)
+        samples = np.empty(x.shape, np.float32)
+        for low, high in zip(split[:-1], split[1:], strict=True):
+            kernels.apply_couplings(couplings, image, low, high, stencil)
+            kernels.edge_weights(_image(seed=3), 5.0, low, high, weights)
+            kernels.sample_spline(image, x, y, low, high, samples)
+        for low, high in zip(split[:-1], split[1:], strict=True):
+            kernels.apply_prior(weights, image, low, high, 0.7, stencil)
+        results.append((stencil, weights, samples))
+    for once, by_bands in zip(*results, strict=True):
+        np.testing.assert_array_equal(once, by_bands)
+    assert system.density.any()
+
+
+# --- prior -------------------------------------------------------------------------------
+
+
+def test_a_constant_image_has_no_prior_energy():
+    system = NormalEquations(HR_SHAPE, TAPS)
+    prior = system.edge_weights(_image(), 6.0)
+    flat = np.full(HR_SHAPE, 77, np.float32)
+    np.testing.assert_allclose(system.apply(flat, prior, 1.0), 0, atol=1e-4)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 1), (6, 9)])
+def test_the_prior_is_the_sum_over_neighbours_of_weighted_squares(shape):
+    """fᵀ P f = Σ w (f_i − f_j)² over right, below and the two diagonals (half as strong)."""
+    at, image = _image(shape, 4), _image(shape, 5).astype(float)
+    system = NormalEquations(shape, TAPS)
+    scale = 6.0
+    prior = system.edge_weights(at, scale)
+    applied = system.apply(image.astype(np.float32), prior, 1.0)
+    expected = 0.0
+    height, width = shape
+    for row, column in np.ndindex(shape):
+        for down, right, factor in ((0, 1, 1.0), (1, 0, 1.0), (1, 1, 0.5), (1, -1, 0.5)):
+            k, m = row + down, column + right
+            if k < height and 0 <= m < width:
+                weight = factor / np.hypot(float(at[k, m]) - float(at[row, column]), scale)
+                expected += weight * (image[k, m] - image[row, column]) ** 2
+    assert np.vdot(applied.astype(float), image) == pytest.approx(expected, rel=1e-4, abs=1e-6)
+
+
+def test_the_prior_smooths_flat_parts_and_lets_edges_be():
+    step = np.full((12, 20), 50, np.float32)
+    step[:, 10:] = 200
+    weights = NormalEquations(step.shape, TAPS).edge_weights(step, 5.0)
+    right = weights[0, 1:-1, 1:-1]
+    assert right[3, 4] == pytest.approx(1 / 5.0)
+    assert right[3, 9] == pytest.approx(1 / np.hypot(150, 5), rel=1e-5)
+    assert not right[:, -1].any(), "no neighbour outside"
+
+
+# --- solving -----------------------------------------------------------------------------
+
+
+def _points(grid: Grid, lr_shape: tuple[int, int], shift=(0.0, 0.0)):
+    x, y = np.meshgrid(np.arange(lr_shape[1]) + shift[0], np.arange(lr_shape[0]) + shift[1])
+    at_x, at_y = grid.to_hr(np.stack([x, y], axis=-1).astype(np.float32))
+    return np.ascontiguousarray(at_x), np.ascontiguousarray(at_y)
+
+
+def _smooth(shape, seed: int = 0) -> np.ndarray:
+    """A picture without the finest detail, which no PSF lets through."""
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    rng = np.random.default_rng(seed)
+    total = np.full(shape, 120.0)
+    for _ in range(12):
+        period, angle, phase = rng.uniform(5, 20), rng.uniform(0, np.pi), rng.uniform(0, 7)
+        along = x * np.cos(angle) + y * np.sin(angle)
+        total += 9 * np.sin(2 * np.pi * along / period + phase)
+    return total.astype(np.float32)
+
+
+def test_without_magnification_and_blur_the_image_comes_back():
+    grid = Grid(magnification_x=1, magnification_y=1, sampling=Sampling.AREA)
+    taps = sampling_taps(PSF, grid)
+    truth = _image((13, 21))
+    ones = np.ones_like(truth)
+    system = _system((*_points(grid, truth.shape), truth, ones), truth.shape, taps)
+    found = system.descend(np.zeros_like(truth), _no_prior(truth.shape), 0.0, 25)
+    np.testing.assert_allclose(found, truth, atol=0.5)
+
+
+@pytest.mark.parametrize("sampling", list(Sampling))
+@pytest.mark.parametrize("magnification", [(2, 2), (3, 2), (2, 1)])
+def test_all_phases_without_noise_give_the_truth(magnification, sampling):
+    """K² views, one for each sub-pixel phase: the information is there, the solver finds it."""
+    grid = Grid(magnification_x=magnification[0], magnification_y=magnification[1],
+                sampling=sampling)  # fmt: skip
+    taps = sampling_taps(GaussianPsf(sigma=0.8, support=7), grid)
+    lr_shape = (11, 15)
+    truth = _smooth(grid.hr_shape(lr_shape))
+    observations = []
+    for j in range(magnification[1]):
+        for i in range(magnification[0]):
+            x, y = _points(grid, lr_shape, (i / magnification[0], j / magnification[1]))
+            value = simulate(truth, taps, x, y)
+            weight = np.isfinite(value).astype(np.float32)
+            observations.append((x, y, np.nan_to_num(value), weight))
+    system = NormalEquations(truth.shape, taps)
+    system.gather(observations)
+    found = system.descend(np.full_like(truth, 120), _no_prior(truth.shape), 0.0, 40)
+    inner = np.s_[4:-4, 4:-4]
+    assert np.abs(found - truth)[inner].max() < 1.0
+    assert np.sqrt(((found - truth)[inner] ** 2).mean()) < 0.2
+
+
+def test_residuals_of_the_normal_equations_fall():
+    system = _system(_observations(count=(20, 30)))
+    prior = system.edge_weights(_image(), 5.0)
+    solution = system.descend(np.zeros(HR_SHAPE, np.float32), prior, 0.1, 200)
+    distances = []
+    for iterations in (0, 1, 3, 6, 12, 25):
+        away = system.descend(np.zeros(HR_SHAPE, np.float32), prior, 0.1, iterations) - solution
+        distances.append(np.vdot(away, system.apply(away, prior, 0.1)))
+    assert all(later < earlier for earlier, later in zip(distances[:-1], distances[1:],
+                                                        strict=True))  # fmt: skip
+    assert distances[-1] < 1e-2 * distances[0]
+
+
+def test_the_start_is_not_modified_and_a_solution_stays():
+    truth = _smooth(HR_SHAPE)
+    x, y = _points(GRID, (11, 17))
+    system = _system((x, y, simulate(truth, TAPS, x, y), np.ones(x.shape, np.float32)))
+    start = truth.copy()
+    found = system.descend(start, _no_prior(), 0.0, 5)
+    np.testing.assert_array_equal(start, truth)
+    np.testing.assert_allclose(found, truth, atol=0.05)
+    zero = NormalEquations(HR_SHAPE, TAPS)
+    np.testing.assert_array_equal(zero.descend(start, _no_prior(), 0.0, 5), start)
+
+
+def test_simulation_keeps_a_constant_and_follows_a_ramp():
+    x, y = _points(GRID, (11, 17), (0.3, -0.2))
+    flat = simulate(np.full(HR_SHAPE, 99, np.float32), TAPS, x, y)
+    np.testing.assert_allclose(flat[np.isfinite(flat)], 99, rtol=1e-5)
+    at_y, at_x = np.mgrid[: HR_SHAPE[0], : HR_SHAPE[1]].astype(np.float32)
+    ramp = simulate(3 * at_x - 2 * at_y, TAPS, x, y)
+    inner = np.s_[4:-4, 5:-5]
+    np.testing.assert_allclose(ramp[inner], (3 * x - 2 * y)[inner], atol=2e-3)
+
+
+def test_simulation_has_no_value_outside_the_image():
+    x = np.array([[-0.6, 33.6, 3, 3, np.nan, -0.4, 33.4]], np.float32)
+    y = np.array([[5, 5, -0.6, 21.6, 5, -0.4, 21.4]], np.float32)
+    seen = simulate(_image(), TAPS, x, y)
+    assert np.isfinite(seen).tolist() == [[False, False, False, False, False, True, True]]
+
+
+def test_taps_of_another_kind_work_as_well():
+    """The system asks nothing of the taps but symmetry."""
+    box = SeparableTaps(x=np.full(3, 1 / 3), y=np.ones(1))
+    x, y, value, weight = _observations()
+    system = _system((x, y, value, weight), taps=box)
+    image = _image()
+    energy = np.vdot(system.apply(image, _no_prior(), 0.0).astype(float), image)
+    expected = (weight * _seen(image, x, y, box) ** 2).sum()
+    assert energy == pytest.approx(expected, rel=2e-4)

@@ -1,0 +1,191 @@
+from __future__ import annotations
+
+import json
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # the benchmarks are not installed
+
+from benchmarks import floors, quality, rendered, set1
+from benchmarks.__main__ import main
+from benchmarks.floors import RenderedCase, Set1Cell, SpeedFigures
+from benchmarks.memory import load_frame, save_frame
+from benchmarks.speed import middle_views
+from benchmarks.tables import Table, signed
+from benchmarks.unit import Measured, Timed
+from pipeline.config import Settings
+from pipeline.synthetic import SampleScene
+
+GOOD = SpeedFigures(
+    cold_frame=1500, solver_ratio=9, psnr_default=36, psnr_pocs=35, exponent_views=1.0,
+    exponent_pixels=1.05, memory_mib=(800, 2500),
+)  # fmt: skip
+
+
+def _words(verdicts):
+    return [verdict.word for verdict in verdicts]
+
+
+def test_the_quick_benchmark_prints_one_table_and_the_floors(tmp_path, capsys):
+    table, page = tmp_path / "bench.json", tmp_path / "docs" / "bench.md"
+    assert main(["--quick", "--json", str(table), "--write", str(page)]) == 0
+    printed = capsys.readouterr().out
+    content = json.loads(table.read_text())
+    sections = [row["section"] for row in content["rows"] if row["section"]]
+    assert sections == [
+        "unit", "cold frame", "reconstruction", "growth with pixels", "growth with views",
+        "growth with K", "peak memory",
+    ]  # fmt: skip
+    for section in sections:
+        assert f"\n{section}" in printed
+        assert f"\n| {section} |" in page.read_text()
+    timed = [row for row in content["rows"] if row["seconds"] is not None]
+    assert len(timed) >= 13
+    assert all(row["seconds"] > 0 and row["multiple"] > 0 and row["runs"] > 0 for row in timed)
+    assert content["rows"][-1]["memory_mib"] > 50
+    assert {floor["verdict"] for floor in content["floors"]} == {"not judged"}
+    assert printed.count("not judged") == len(content["floors"]) == 6
+
+
+def test_floors_of_speed():
+    assert _words(floors.speed_floors(GOOD)) == ["met"] * 6
+    for number, change in enumerate(
+        (
+            {"cold_frame": 2001}, {"solver_ratio": 7.9}, {"exponent_views": 1.11},
+            {"exponent_pixels": 1.11}, {"memory_mib": (901, 1)}, {"memory_mib": (1, 2561)},
+        )
+    ):  # fmt: skip
+        expected = ["met"] * 6
+        expected[number] = "not met"
+        assert _words(floors.speed_floors(replace(GOOD, **change))) == expected
+    assert floors.speed_floors(replace(GOOD, psnr_pocs=36.1))[1].met is False
+    assert _words(floors.speed_floors(SpeedFigures())) == ["not judged"] * 6
+
+
+def test_exponents():
+    assert floors.fitted_exponent([1, 2, 4, 8], [5, 10, 20, 40]) == pytest.approx(1)
+    assert floors.fitted_exponent([10, 20], [3, 12]) == pytest.approx(2)
+    assert math.isnan(floors.fitted_exponent([2], [3]))
+    assert math.isnan(floors.fitted_exponent([2, 2], [3, 4]))
+
+
+def _cell(scene="flower", sigma=1.0, noise=2.0, **psnr):
+    values = {
+        "bicubic": 30.0, "lanczos": 30.1, "single-view": 31.0, "pocs": 32.0,
+        "pocs-simplified": 32.0, "default": 34.0,
+    }  # fmt: skip
+    values |= {name.replace("_", "-"): value for name, value in psnr.items()}
+    return Set1Cell(scene=scene, psf_sigma=sigma, noise=noise, psnr=values, ssim=values)
+
+
+def test_floors_of_set1():
+    cells = [
+        _cell(scene, sigma, noise) for scene in set1.SCENES for sigma, noise in set1.conditions()
+    ]
+    assert _words(floors.set1_floors(cells)) == ["met"] * 10
+    assert _words(floors.set1_floors([])) == ["not judged"] * 10
+
+    def missed(*changed):
+        verdicts = floors.set1_floors([*cells, *changed])
+        return [number for number, verdict in enumerate(verdicts) if verdict.met is False]
+
+    assert missed(_cell("x", bicubic=33.21)) == [0]
+    assert missed(_cell("x", single_view=34.03)) == [1]
+    assert missed(_cell("x", noise=0.0, bicubic=33.0, default=-90.0)) == [0, 1, 2, 7, 8]
+    assert missed(_cell(single_view=33.3)) == [5, 9]
+    assert missed(_cell("lytro_2067", 1.7, single_view=32.9)) == [4]
+    assert missed(_cell("x", pocs=34.21)) == [7]
+    assert missed(_cell("x", pocs_simplified=34.21)) == [8]
+    worst = floors.set1_floors([*cells, _cell("x", bicubic=33.5)])[0].measured
+    assert worst == "worst +0.50 dB (x σ 1 noise 2); 1 of 21 cells miss it"
+
+
+def test_floors_of_the_rendered_scene():
+    both = {"left": 0.0, "right": 0.5}
+    psnr = {
+        name: {eye: base + more for eye, more in both.items()}
+        for name, base in {"1 view": 30, "2 views": 31, "4 views": 33, "true motion": 34.0}.items()
+    }
+    case = RenderedCase(
+        name="made up", psnr=psnr, median_error=0.02, error_95=0.2, wrong_share=0.009
+    )
+    words = _words(floors.rendered_floors(case, (1, 2, 4)))
+    assert words == ["not met", "met", "met", "met", "met", "met"]
+    psnr["true motion"] = psnr["4 views"]
+    psnr["4 views"] = {"left": 33.0, "right": 31.4}  # the worse eye decides
+    case = replace(case, median_error=0.021, error_95=0.26, wrong_share=0.011)
+    assert _words(floors.rendered_floors(case, (1, 2, 4))) == ["not met"] * 6
+
+
+def test_end_point_errors_are_of_the_right_pixels():
+    error = np.array([0.01, 0.02, 0.03, 0.6, np.nan, 5.0])
+    visible = np.array([True, True, True, True, True, False])
+    verified = np.array([True, True, False, True, False, True])
+    errors = rendered.pooled_errors(error, visible, verified)
+    assert (errors.registered, errors.verified) == (0.8, 0.6)
+    assert errors.median_visible == pytest.approx(0.025)
+    assert errors.median_verified == pytest.approx(0.31)
+    assert (errors.wrong, errors.hidden) == (0.5, 0.25)
+    nothing = rendered.pooled_errors(error, visible, np.zeros(6, bool))
+    assert math.isnan(nothing.error_95)
+    assert math.isnan(nothing.wrong)
+
+
+def test_a_small_rendered_case_is_measured_kept_and_resumed(tmp_path):
+    case = rendered.Case(width=96, height=72, num_views=3)
+    path = tmp_path / "cells.json"
+    cells = quality.kept_cells(path, "code", resume=True)
+    part = quality.rendered_part(cells, Settings(), lambda _: None, [case])
+    text = part.as_text()
+    assert "3 views" in text
+    assert "loss to true motion" in text
+    values = rendered.case_from_json(json.loads(path.read_text())["cells"][f"rendered {case.name}"])
+    assert set(values.psnr) == {"bicubic", "1 view", "2 views", "3 views", "true motion"}
+    assert values.psnr["true motion"]["left"] > values.psnr["1 view"]["left"]
+    assert values.errors.median_verified < 0.3
+
+    def fail(*_):
+        raise AssertionError("measured again")
+
+    again = quality.kept_cells(path, "code", resume=True)
+    assert quality.rendered_part(again, Settings(), fail, [case]).as_text() == text
+    assert quality.kept_cells(path, "other code", resume=True).found == {}
+    assert "| rotation 1.5°, no calibration |" in part.as_markdown()
+
+
+def test_frames_survive_their_file(tmp_path):
+    frame = SampleScene(width=64, height=48, num_views=5).frame(0, depth="stereo")
+    save_frame(tmp_path / "frame.npz", frame)
+    read = load_frame(tmp_path / "frame.npz")
+    assert (read.left, read.right) == (frame.left, frame.right) == ("cam2", "cam3")
+    for ours, theirs in zip(read.views, frame.views, strict=True):
+        np.testing.assert_array_equal(ours.luma, theirs.luma)
+        np.testing.assert_array_equal(ours.depth_map, theirs.depth_map)
+    names = [view.view_id for view in middle_views(frame, 2).views]
+    assert names == ["cam2", "cam3"]
+    assert [view.view_id for view in middle_views(frame, 4).views] == [
+        "cam1", "cam2", "cam3", "cam4",
+    ]  # fmt: skip
+
+
+def test_figures_are_medians_and_follow_the_unit():
+    runs = tuple(
+        Timed(seconds=seconds, cpu_seconds=1, unit=unit, stages={"a": seconds / 2})
+        for seconds, unit in ((1.0, 0.1), (3.0, 0.3), (2.0, 0.1))
+    )
+    measured = Measured(runs=runs)
+    assert measured.seconds() == 2
+    assert measured.multiple() == pytest.approx(10)
+    assert measured.multiple("a") == pytest.approx(5)
+
+
+def test_tables():
+    table = Table(head=("a", "b", "say"), rows=(("x", "1.5", "σ"), ("yy", "10", "")), left=("say",))
+    assert table.as_text().splitlines() == ["a     b  say", "x   1.5  σ", "yy   10"]
+    assert table.as_markdown().splitlines()[1] == "| --- | --: | --- |"
+    assert (signed(-0.001), signed(float("nan"))) == ("+0.00", "–")
