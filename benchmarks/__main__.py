@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     plan = replace(QUICK if options.quick else Plan(), threads=options.threads)
     result = run_speed(plan, stderr_note(time.perf_counter()))
     print(described())
-    print(f"{plan.threads} threads, {today()}, {result.seconds:.0f} s in all")
+    print(f"{plan.threads} threads, {today()}, {result.seconds:.0f} s in all; {load_of(result)}")
     if options.quick:
         print("--quick: the sizes are not those that the floors are about")
     print()
@@ -51,6 +51,12 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
+def load_of(result: Any) -> str:
+    """Return how busy the machine was."""
+    before, after = result.load
+    return f"load average {before:.1f} when it began, {after:.1f} (itself included) when it ended"
+
+
 def page(result: Any) -> str:
     """Return the page of the result, Markdown."""
     from benchmarks.floors import verdict_table
@@ -62,14 +68,15 @@ def page(result: Any) -> str:
 
 Measured on {today()} with `{command}` (`make bench`) in {result.seconds:.0f} s, all in one run.
 
-Machine: {described()}; {plan.threads} threads.
+Machine: {described()}; {plan.threads} threads; {load_of(result)}.
 
 The unit is OpenCV's `INTER_CUBIC` of both eyes' 8-bit luma ({plan.size[0]}×{plan.size[1]} →
 {2 * plan.size[0]}×{2 * plan.size[1]}) on one thread, median of 30, measured anew before and after
 every run of a row; *× bicubic* is the time divided by the mean of the two. Figures are medians
-over the runs. The input is the rendered scene: noise 1, depth as a stereo matcher delivers it, no
-calibration; both eyes are reconstructed, kernels are compiled before. Exponents p are fitted to
-time ∝ size^p. Peak memory is that of a fresh process that reads the frame from a file.
+over the runs; *CPU s* is the processor time of all threads. The input is the rendered scene:
+noise 1, depth as a stereo matcher delivers it, no calibration; both eyes are reconstructed, kernels
+are compiled before. Exponents p are fitted to time ∝ size^p, that of the cold frame being judged.
+Peak memory is that of a fresh process that reads the frame from a file.
 
 {result.table().as_markdown()}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 import platform
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,6 +26,11 @@ def cpu_model() -> str:
             if key.strip() == "model name" and value.strip():
                 return " ".join(value.split())
     return platform.processor() or platform.machine() or "unknown processor"
+
+
+def load_average() -> float:
+    """Return how many threads wanted to run in the last minute, NaN where not known."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
 
 
 def machine() -> dict[str, str]:

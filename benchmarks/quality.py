@@ -31,6 +31,8 @@ class Cells:
     path: Path | None = None
     found: dict[str, Any] = field(default_factory=dict)
     """Plain records."""
+    resumed: int = 0
+    """Of them, how many were measured in another run."""
 
     def get(self, key: str, work: Callable[[], Any]) -> Any:
         """Return the plain record of that key, measured now unless it is there already."""
@@ -52,6 +54,7 @@ def kept_cells(path: Path | None, code: str, resume: bool) -> Cells:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content.get("format") == FORMAT and content.get("code") == code:
             cells.found = content["cells"]
+            cells.resumed = len(cells.found)
     return cells
 
 
@@ -116,11 +119,12 @@ def main(arguments: list[str] | None = None) -> int:
         parts.append(set1_part(folder, cells, settings, note))
     if options.only != "set1":
         parts.append(rendered_part(cells, settings, note))
-    seconds = time.perf_counter() - begin
-    said = f"{described()}; {today()}, {seconds:.0f} s"
-    print(said, *(part.as_text() for part in parts), sep="\n\n")
+    took = f"{time.perf_counter() - begin:.0f} s"
+    if cells.resumed:
+        took += f" and {cells.resumed} cells measured before"
+    print(f"{described()}; {today()}, {took}", *(part.as_text() for part in parts), sep="\n\n")
     if options.write is not None:
-        write_atomic(options.write, page(parts, options.only, seconds).encode())
+        write_atomic(options.write, page(parts, options.only, took).encode())
     return 0
 
 
@@ -228,14 +232,14 @@ def rendered_part(
     )
 
 
-def page(parts: Sequence[Part], only: str | None, seconds: float) -> str:
+def page(parts: Sequence[Part], only: str | None, took: str) -> str:
     """Return the page of the results, Markdown."""
     from benchmarks.machine import described, today
 
     command = "python -m benchmarks.quality" + (f" --only {only}" if only else "")
     head = f"""# How good
 
-Measured on {today()} with `DEPTHSR_SCENES=FOLDER {command}` (`make quality`) in {seconds:.0f} s.
+Measured on {today()} with `DEPTHSR_SCENES=FOLDER {command}` (`make quality`) in {took}.
 
 Machine: {described()}.
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from benchmarks import tables
 from benchmarks.floors import SpeedFigures, Verdict, fitted_exponent, speed_floors
+from benchmarks.machine import load_average
 from benchmarks.memory import bench_settings, peak_of, save_frame
 from benchmarks.unit import BicubicUnit, Measured, Timed, measure
 from pipeline.config import Settings, Solver
@@ -43,7 +44,7 @@ BORDER = 24
 SWEEPS = 8
 """Of pocs."""
 
-TURNS_BUDGET = 4
+TURNS_BUDGET = 3
 """Row budgets after which the two solvers take no further turns."""
 
 STAGES = ("registration", "reconstruction")
@@ -64,7 +65,7 @@ class Plan:
     memory_sizes: tuple[Size, ...] = ((512, 384), (1024, 768))
     repeats: int = 5
     """Runs of a row at most; figures are their medians."""
-    row_budget: float = 8.0
+    row_budget: float = 12.0
     """Seconds after which a row is not repeated."""
     threads: int = 2
     """The floors are for two cores."""
@@ -92,6 +93,8 @@ class Row:
     seconds: float = math.nan
     multiple: float = math.nan
     """Of the unit."""
+    cpu_seconds: float = math.nan
+    """Processor time of all threads."""
     memory_mib: float = math.nan
     runs: int = 0
     remark: str = ""
@@ -109,11 +112,23 @@ class SpeedResult:
     verdicts: tuple[Verdict, ...]
     seconds: float
     """Of the whole benchmark."""
+    load: tuple[float, float]
+    """Load average of the minute before it began and before it ended, itself included."""
 
     def table(self) -> tables.Table:
         """Return the one table."""
         return tables.Table(
-            head=("", "measured", "size", "seconds", "× bicubic", "MiB", "runs", "remark"),
+            head=(
+                "",
+                "measured",
+                "size",
+                "seconds",
+                "× bicubic",
+                "CPU s",
+                "MiB",
+                "runs",
+                "remark",
+            ),
             rows=tuple(
                 (
                     row.section,
@@ -121,6 +136,7 @@ class SpeedResult:
                     row.size,
                     _seconds(row.seconds),
                     tables.number(row.multiple, 0 if row.multiple >= 10 else 2),
+                    tables.number(row.cpu_seconds),
                     tables.number(row.memory_mib, 0),
                     str(row.runs or tables.NOT_MEASURED),
                     row.remark,
@@ -167,7 +183,7 @@ def run_speed(plan: Plan, note: Callable[[str], None] = lambda _: None) -> Speed
     note : callable
         Told what is being done.
     """
-    begin = time.perf_counter()
+    begin, load = time.perf_counter(), load_average()
     set_threads(plan.threads)
     frames = _Frames(note)
     note("compiling, or loading what is compiled")
@@ -198,6 +214,7 @@ def run_speed(plan: Plan, note: Callable[[str], None] = lambda _: None) -> Speed
         figures=bench.figures,
         verdicts=tuple(verdicts),
         seconds=time.perf_counter() - begin,
+        load=(load, load_average()),
     )
 
 
@@ -303,7 +320,7 @@ class _Bench:
         ours, theirs = (Measured(runs=tuple(runs[name])) for name in ("fused", "pocs"))
         self._cold[(plan.size, plan.num_views)] = ours
         place = _scaled(plan.size, plan.num_views)
-        yield _row("cold frame", "superresolve()", place, ours, remark=_cpu(ours))
+        yield _row("cold frame", "superresolve()", place, ours)
         for stage in ours.runs[0].stages:
             yield _row("", stage, "", ours, stage)
         quality = {name: _psnr(result, frame, truth) for name, result in kept.items()}
@@ -421,6 +438,7 @@ def _row(
     return Row(
         section=section, name=name, size=size, seconds=measured.seconds(stage),
         multiple=measured.multiple(stage), runs=len(measured.runs), remark=remark,
+        cpu_seconds=measured.cpu_seconds if stage is None else math.nan,
     )  # fmt: skip
 
 
@@ -429,22 +447,22 @@ def _growth_row(section: str, name: str, size: str, measured: Measured) -> Row:
     return _row(section, name, size, measured, remark=stages)
 
 
-def _cpu(measured: Measured) -> str:
-    return f"{measured.cpu_seconds:.2f} s of processor time"
-
-
 def _exponents(sizes: Sequence[float], found: Sequence[Measured]) -> tuple[float, Row]:
     """Return the exponent of the cold frame, and a row with those of the stages too.
 
-    Fitted to the multiples of the unit: these follow the speed of the machine.
+    Fitted to the multiples of the unit: these follow the speed of the machine. That of the
+    processor time is told too: it hardly depends on what else the machine does.
     """
     exponent = fitted_exponent(sizes, [measured.multiple() for measured in found])
+    of_cpu = fitted_exponent(sizes, [measured.cpu_seconds for measured in found])
     of_stages = ", ".join(
         f"{stage} {fitted_exponent(sizes, [item.multiple(stage) for item in found]):.2f}"
         for stage in STAGES
     )
     return exponent, Row(
-        section="", name="fitted exponent", remark=f"cold frame {exponent:.2f}, {of_stages}"
+        section="",
+        name="fitted exponent",
+        remark=f"cold frame {exponent:.2f} (CPU s {of_cpu:.2f}), {of_stages}",
     )
 
 
@@ -466,6 +484,7 @@ def as_json(result: SpeedResult, facts: Mapping[str, str], date: str) -> dict[st
         "plan": result.plan,
         "unit_seconds": result.unit_seconds,
         "seconds": result.seconds,
+        "load": result.load,
         "rows": result.rows,
         "figures": result.figures,
         "floors": [{**vars(item), "verdict": item.word} for item in result.verdicts],

@@ -23,8 +23,9 @@ from service.options import collect
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
-    [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("pipeline/**/*.md")]
-    + [*ROOT.glob("service/**/*.md"), *ROOT.glob("dscqs/**/*.md")]
+    path
+    for pattern in ("*.md", "docs/**/*.md", "pipeline/**/*.md", "service/**/*.md", "dscqs/**/*.md")
+    for path in ROOT.glob(pattern)
 )
 NEEDED = (
     "README.md", "CHANGELOG.md", "docs/scene.md", "docs/method.md", "docs/formats.md",
@@ -55,6 +56,12 @@ def _rows(text: str) -> list[list[str]]:
         for line in text.splitlines()
         if line.startswith("|") and not re.match(r"\|[-|: ]+\|$", line)
     ]
+
+
+def _rows_by_name(name: str) -> dict[str, list[str]]:
+    """Return the cells after the first of every row that begins with code, by that code."""
+    found = ((CODE.findall(first), cells) for first, *cells in _rows(_text(name)))
+    return {names[0]: cells for names, cells in found if names}
 
 
 def _commands(text: str) -> Iterator[list[str]]:
@@ -88,7 +95,7 @@ def test_the_pages_are_there(name):
 
 
 @pytest.mark.parametrize("words", OUR_COMMANDS)
-def test_commands_in_the_documents_are_understood(words, monkeypatch):
+def test_commands_in_the_documents_are_understood(words):
     parser = make_parser()
     arguments = parser.parse_args(words[1:])
     if words[1] == "run":
@@ -217,9 +224,8 @@ def test_relative_links_lead_somewhere(page):
         if re.match(r"[a-z]+:", target):
             continue
         path = (page.parent / target) if target else page
-        if not path.exists() or not path.resolve().is_relative_to(ROOT.resolve()):
-            dead.append(link)
-        elif anchor and anchor not in _anchors(path):
+        is_ours = path.exists() and path.resolve().is_relative_to(ROOT.resolve())
+        if not is_ours or (anchor and anchor not in _anchors(path)):
             dead.append(link)
     assert dead == []
 
@@ -265,40 +271,41 @@ def test_modules_and_files_named_exist(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_environment_variables_named_are_read(page):
-    named = set(re.findall(r"\bDEPTHSR_[A-Z]+\b", page.read_text(encoding="utf-8")))
-    places = [
-        *ROOT.glob("service/*.py"),
-        *ROOT.glob("pipeline/**/*.py"),
-        ROOT / "tests/conftest.py",
-    ]
-    read = "".join(path.read_text(encoding="utf-8") for path in places)
-    assert {name for name in named if name not in read} == set()
+    variable = re.compile(r"\bDEPTHSR_[A-Z_]+\b")
+    named = set(variable.findall(page.read_text(encoding="utf-8")))
+    places = [*ROOT.glob("service/*.py"), ROOT / "tests" / "conftest.py"]
+    read = {name for path in places for name in variable.findall(path.read_text(encoding="utf-8"))}
+    assert named <= read
 
 
 # Equations
 
 
-def _equation_rows() -> dict[int, str]:
-    found = {}
-    for first, *cells in _rows(_text("pipeline/README.md")):
-        for number in re.findall(r"Eq\. (\d+)", first):
-            found[int(number)] = cells[-1]
+def _cited(text: str) -> set[int]:
+    """Return the numbers of the equations that a text names: Eq. 1, Eq. (3), Eq. (7)-(10)."""
+    found = set()
+    for first, last in re.findall(r"Eq\. \(?(\d+)\)?(?:-\(?(\d+)\)?)?", text):
+        found |= set(range(int(first), int(last or first) + 1))
     return found
 
 
+def _equation_rows() -> list[tuple[set[int], list[str]]]:
+    """Return (equations, dotted names) of the rows of the equation index."""
+    return [
+        (_cited(first), [name for name in CODE.findall(cells[-1]) if "." in name])
+        for first, *cells in _rows(_text("pipeline/README.md"))
+        if _cited(first)
+    ]
+
+
 def test_the_equation_index_is_complete():
-    assert sorted(_equation_rows()) == list(range(1, 11))
+    assert set().union(*(numbers for numbers, _ in _equation_rows())) == set(range(1, 11))
 
 
-@pytest.mark.parametrize("number", range(1, 11))
-def test_files_of_the_equation_index_cite_the_equation(number):
-    dotted = [name for name in CODE.findall(_equation_rows()[number]) if "." in name]
-    assert dotted
-    cited = re.compile(rf"Eq\. \(?{number}\b|Eq\. \(?\d+\)?-\(?{number}\b")
-    if number in (5, 7):  # said of a range of equations, or in other words
-        cited = re.compile(r"Eq\. \(?[678]\b")
-    modules = {ROOT.joinpath(*name.split(".")[:-1]).with_suffix(".py") for name in dotted}
-    assert any(cited.search(path.read_text(encoding="utf-8")) for path in modules)
+@pytest.mark.parametrize(("numbers", "names"), _equation_rows(), ids=str)
+def test_files_of_the_equation_index_cite_the_equation(numbers, names):
+    modules = {ROOT.joinpath(*name.split(".")[:-1]).with_suffix(".py") for name in names}
+    assert any(numbers & _cited(path.read_text(encoding="utf-8")) for path in modules)
 
 
 # Scenes
@@ -333,9 +340,8 @@ def test_every_key_of_a_manifest_is_described(place, tmp_path):
         view["color"] = json.loads(raw)
     spot = {"scene": manifest, "view": view, "raw": view["color"], "depth": manifest["depth"]}
     spot[place]["bogus"] = 1
-    described = {
-        name for first, *_ in _rows(_text("docs/scene.md")) for name in CODE.findall(first)
-    }
+    rows = _rows(_text("docs/scene.md"))
+    described = {name for first, *_ in rows for name in CODE.findall(first)}
     assert set(_known_keys(manifest, tmp_path)) <= described
 
 
@@ -345,8 +351,7 @@ def test_every_key_of_a_manifest_is_described(place, tmp_path):
 def test_containers_codecs_and_qualities():
     from pipeline.media.video_format import CODECS, DEFAULT_CRF, HIGHEST_CRF, VideoCodec
 
-    rows = {CODE.findall(first)[0]: cells for first, *cells in _rows(_text("docs/formats.md"))
-            if CODE.findall(first)}  # fmt: skip
+    rows = _rows_by_name("docs/formats.md")
     for container, codecs in CODECS.items():
         assert CODE.findall(rows[f".{container}"][0]) == [codec.value for codec in codecs]
     for codec in VideoCodec:
@@ -375,9 +380,7 @@ def test_every_field_of_the_report_is_described():
         assert {item.name for item in dataclasses.fields(kind)} <= named
     reasons = {reason.name.lower() for reason in Rejection if reason.value}
     assert reasons <= named
-    method = {CODE.findall(first)[0] for first, *_ in _rows(_text("docs/method.md"))
-              if CODE.findall(first)}  # fmt: skip
-    assert reasons <= method
+    assert reasons <= set(_rows_by_name("docs/method.md"))
 
 
 def test_every_debug_picture_is_described():

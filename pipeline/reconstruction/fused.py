@@ -62,11 +62,13 @@ class FusedTuning:
     """σ of the low-pass on the prediction error, LR pixels."""
     box: int = 5
     """Side of the box over which its square is averaged, LR pixels."""
-    alone: tuple[int, int] = (2, 3)
-    """Re-weightings and conjugate-gradient steps each, for the reference alone."""
-    together: tuple[int, int] = (3, 3)
+    alone: tuple[int, int] = (2, 8)
+    """Re-weightings, and at most so many conjugate-gradient steps each: reference alone."""
+    together: tuple[int, int] = (3, 8)
     """The same for all views."""
-    only: tuple[int, int] = (3, 4)
+    settled: float = 0.2
+    """Share of its first residual at which a descent has come far enough."""
+    only: tuple[int, int] = (3, 8)
     """The same where the reference is the only view."""
 
 
@@ -197,19 +199,17 @@ def fuse(
     system = NormalEquations(shape, taps, psf_taps(psf, grid))
     system.gather([(*points[reference], own.observed, ones)])
     estimate = start if start is not None else initial_estimate(own.observed, grid)
-    iterations = 0
     residuals = []
     stop_reason = "iterations"
 
     def solve(estimate: HrImage, plan: tuple[int, int]) -> HrImage:
-        nonlocal iterations, stop_reason
+        nonlocal stop_reason
         for _ in range(plan[0]):
             if stop is not None and stop():
                 stop_reason = "stopped"
                 break
             prior = system.edge_weights(estimate, scale)
-            estimate = system.descend(estimate, prior, strength, plan[1])
-            iterations += plan[1]
+            estimate = system.descend(estimate, prior, strength, plan[1], settled=tuning.settled)
         return estimate
 
     estimate = solve(estimate, tuning.alone if len(registered) > 1 else tuning.only)
@@ -242,7 +242,7 @@ def fuse(
         flags=tuple(flags),
         simulated=simulated,
         density=system.density,
-        iterations=iterations,
+        iterations=system.steps,
         residuals=tuple(residuals),
         stop_reason=stop_reason,
     )

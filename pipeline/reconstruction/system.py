@@ -72,6 +72,7 @@ class NormalEquations:
         self._couplings = np.zeros((kernels.NUM_COUPLINGS, height + 4, width + 4), np.float32)
         self._rhs = np.zeros(shape, np.float32)
         self._bands = bands(shape[0])
+        self.steps = 0
 
     def gather(self, observations: Sequence[tuple[HrImage, HrImage, HrImage, HrImage]]) -> None:
         """Add observations: (x, y, value, weight) of each view, (H, W) float32, HR pixels."""
@@ -120,28 +121,39 @@ class NormalEquations:
         return weights
 
     def descend(
-        self, estimate: HrImage, prior: npt.NDArray[np.float32], strength: float, iterations: int
+        self,
+        estimate: HrImage,
+        prior: npt.NDArray[np.float32],
+        strength: float,
+        iterations: int,
+        *,
+        settled: float = 0.0,
     ) -> HrImage:
-        """Return the estimate after so many steps of conjugate gradients, a new array.
+        """Return the estimate after some steps of conjugate gradients, a new array.
 
-        Preconditioned: see :meth:`_sharpen`.
+        Preconditioned, see :meth:`_sharpen`. Ends after ``iterations`` steps, or when the
+        (preconditioned) residual has fallen to the share ``settled`` of what it was;
+        ``steps`` counts them.
         """
         estimate = estimate.copy()
         residual = blur(self._rhs, self.taps)
         residual -= self.apply(estimate, prior, strength)
         sharpened = self._sharpen(residual)
         direction = sharpened.copy()
-        energy = float(np.vdot(residual, sharpened))
+        first = energy = float(np.vdot(residual, sharpened))
         for iteration in range(iterations):
             applied = self.apply(direction, prior, strength)
             curvature = float(np.vdot(direction, applied))
             if not (energy > 0 and curvature > 0):
                 break
             self._advance(energy / curvature, direction, applied, estimate, residual)
+            self.steps += 1
             if iteration + 1 == iterations:
                 break
             sharpened = self._sharpen(residual)
             previous, energy = energy, float(np.vdot(residual, sharpened))
+            if energy < settled**2 * first:
+                break
             self._turn(energy / previous, sharpened, direction)
         return estimate
 

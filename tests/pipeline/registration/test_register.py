@@ -130,7 +130,6 @@ def test_refinement_is_better_than_calibration_alone(wide):
     refined = _all_errors(wide, _register(frame))
     assert np.median(refined) < 0.75 * np.median(alone)
     assert np.percentile(refined, 95) < 0.75 * np.percentile(alone, 95)
-    assert (alone > 0.5).mean() > (refined > 0.5).mean()
 
 
 def test_displacements_differ_along_x_and_y(wide):

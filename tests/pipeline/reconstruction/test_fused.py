@@ -1,0 +1,468 @@
+"""The default solver: gains by true views, no harm by false ones, and everything in its place."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.baselines import bicubic
+from pipeline.frames import RegisteredView, Rejection
+from pipeline.grid import Grid, Sampling
+from pipeline.metrics import psnr
+from pipeline.reconstruction.fused import (
+    IMPOSSIBLE,
+    SMALLEST_NOISE,
+    FusedResult,
+    FusedTuning,
+    agreement_weights,
+    fuse,
+    initial_estimate,
+    prior_strength,
+)
+from pipeline.reconstruction.psf import GaussianPsf, psf_axes
+from pipeline.threads import set_threads, thread_count
+
+PSF = GaussianPsf(sigma=1.0, support=7)
+LR_SHAPE = (40, 54)
+SHIFTS = ((0.0, 0.0), (0.5, 0.25), (-0.3, 0.5), (0.25, -0.45))
+"""Of the views, LR pixels; the first is the reference."""
+
+BORDER = 8
+"""HR pixels left out when measuring."""
+
+
+def _grid(along_x: int = 2, along_y: int = 2, sampling: Sampling = Sampling.DECIMATION) -> Grid:
+    return Grid(magnification_x=along_x, magnification_y=along_y, sampling=sampling)
+
+
+def _truth(shape: tuple[int, int], seed: int = 3) -> np.ndarray:
+    """Blocks of random grey with sharp edges, a grating and some grain, (KH, KW)."""
+    rng = np.random.default_rng(seed)
+    blocks = np.kron(rng.uniform(40, 210, (shape[0] // 7 + 1, shape[1] // 9 + 1)), np.ones((7, 9)))
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    grating = 15 * np.sin(0.9 * x + 0.5 * y)
+    grain = rng.normal(0, 3, shape)
+    return np.clip(blocks[: shape[0], : shape[1]] + grating + grain, 0, 255).astype(np.float32)
+
+
+def _taps(psf: GaussianPsf | None, position: float, size: int) -> np.ndarray:
+    """(size,) float64: the PSF along one axis at a fractional place, reflected about the edges."""
+    centre = math.floor(position + 0.5)
+    reach = 0 if psf is None else psf.support // 2
+    taps = [1.0] if psf is None else psf.taps_at(position - centre)
+    row = np.zeros(size)
+    for at, tap in enumerate(taps, start=centre - reach):
+        at %= 2 * size
+        row[at if at < size else 2 * size - 1 - at] += tap
+    return row
+
+
+def _observe(truth, grid, lr_shape, shift, psf=PSF, noise=0.0, seed=0) -> np.ndarray:
+    """What a view shifted by (x, y) LR pixels shows of an HR image (Eq. 6), (H, W) float32."""
+    along_x, along_y = psf_axes(psf, grid)
+    columns = [
+        _taps(along_x, (c + shift[0]) * grid.magnification_x + grid.offset_x, truth.shape[1])
+        for c in range(lr_shape[1])
+    ]
+    rows = [
+        _taps(along_y, (r + shift[1]) * grid.magnification_y + grid.offset_y, truth.shape[0])
+        for r in range(lr_shape[0])
+    ]
+    seen = np.array(rows) @ truth.astype(np.float64) @ np.array(columns).T
+    seen += np.random.default_rng([seed, 7]).normal(0, noise, lr_shape) if noise else 0.0
+    return np.clip(np.rint(seen), 0, 255).astype(np.float32)
+
+
+def _view(observed, shift=(0.0, 0.0), *, is_reference=False, flags=None) -> RegisteredView:
+    """A view whose pixels land ``shift`` LR pixels (x, y) from where they are."""
+    observed = np.asarray(observed, np.float32)
+    rows, columns = observed.shape
+    x, y = np.meshgrid(np.arange(columns) + shift[0], np.arange(rows) + shift[1])
+    position = np.stack([x, y], axis=-1).astype(np.float32)
+    outside = (x <= -0.5) | (y <= -0.5) | (x >= columns - 0.5) | (y >= rows - 0.5)
+    if flags is None:
+        flags = np.where(outside, np.uint8(Rejection.OUTSIDE), np.uint8(0))
+    return RegisteredView(
+        view_id=f"{shift}", observed=observed, position=position,
+        registration_weights=np.zeros_like(observed), flags=flags,
+        confidence=np.ones_like(observed), is_reference=is_reference,
+    )  # fmt: skip
+
+
+def _views(truth, grid, *, count=4, noise=0.0, lr_shape=LR_SHAPE, psf=PSF) -> list[RegisteredView]:
+    return [
+        _view(
+            _observe(truth, grid, lr_shape, shift, psf, noise, seed=index), shift,
+            is_reference=index == 0,
+        )
+        for index, shift in enumerate(SHIFTS[:count])
+    ]  # fmt: skip
+
+
+def _fuse(views, grid, *, psf=PSF, noise=0.3, threshold=30.0, **options) -> FusedResult:
+    lr_shape = next(view for view in views if view.is_reference).observed.shape
+    return fuse(
+        views, grid, lr_shape, psf, noise=noise, residual_threshold=threshold, **options
+    )
+
+
+def _score(result: FusedResult, truth: np.ndarray) -> float:
+    return psnr(result.estimate, truth, border=BORDER)
+
+
+# --- what views bring --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sampling", list(Sampling))
+@pytest.mark.parametrize("magnification", [(2, 2), (3, 3), (4, 4), (2, 1)])
+def test_a_single_view_is_better_than_bicubic(magnification, sampling):
+    grid = _grid(*magnification, sampling)
+    psf = GaussianPsf.of(0.5 * magnification[0])
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    views = _views(truth, grid, count=1, psf=psf)
+    gain = _score(_fuse(views, grid, psf=psf), truth) - psnr(
+        bicubic(views[0].observed, grid), truth, border=BORDER
+    )
+    assert gain > 0.8
+
+
+@pytest.mark.parametrize(("noise", "gain"), [(0.0, 3.0), (2.0, 1.5)])
+@pytest.mark.parametrize("sampling", list(Sampling))
+def test_more_views_are_better(sampling, noise, gain):
+    grid = _grid(sampling=sampling)
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    scores = [
+        _score(_fuse(_views(truth, grid, count=count, noise=noise), grid, noise=noise), truth)
+        for count in (1, 2, 4)
+    ]
+    assert scores[0] < scores[1] < scores[2]
+    assert scores[2] > scores[0] + gain
+
+
+@pytest.mark.parametrize("magnification", [(3, 3), (4, 4), (2, 1), (3, 2)])
+def test_more_views_are_better_at_other_magnifications(magnification):
+    grid = _grid(*magnification, Sampling.AREA)
+    psf = GaussianPsf.of(0.5 * magnification[0])
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    views = _views(truth, grid, psf=psf)
+    alone = _score(_fuse(views[:1], grid, psf=psf), truth)
+    assert _score(_fuse(views, grid, psf=psf), truth) > alone + 0.8
+
+
+@pytest.mark.parametrize("away", [(3.0, 0.0), (-1.0, 3.0), (0.7, -0.6), (25.0, 9.0)])
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+def test_a_misregistered_view_does_no_harm(noise, away):
+    """Its pixels lie ``away`` LR pixels from where they are said to be; nothing tells but Eq. 8."""
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    own, other, *_ = _views(truth, grid, noise=noise)
+    said = (SHIFTS[1][0] + away[0], SHIFTS[1][1] + away[1])
+    lost = _view(other.observed, said)
+    alone, with_lost = (_fuse(views, grid, noise=noise) for views in ([own], [own, lost]))
+    assert _score(with_lost, truth) > _score(alone, truth) - 0.02
+    assert with_lost.weights[1].mean() < 0.15
+
+
+def test_a_misregistered_view_does_not_spoil_what_good_ones_bring():
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    views = _views(truth, grid, noise=1.0)
+    lost = _view(views[1].observed, (SHIFTS[1][0] + 3, SHIFTS[1][1] - 2))
+    good = _fuse(views, grid, noise=1.0)
+    with_lost = _fuse([*views, lost], grid, noise=1.0)
+    assert _score(with_lost, truth) > _score(good, truth) - 0.1
+    assert good.weights[1].mean() > 4 * with_lost.weights[4].mean()
+
+
+def test_the_same_view_again_adds_nothing_but_does_not_harm():
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    own = _views(truth, grid, count=1)[0]
+    twice = _fuse([own, _view(own.observed)], grid)
+    assert _score(twice, truth) > _score(_fuse([own], grid), truth) - 0.02
+
+
+def test_the_order_of_views_does_not_matter():
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    views = _views(truth, grid)
+    forth, back = _fuse(views, grid), _fuse(views[::-1], grid)
+    np.testing.assert_allclose(back.estimate, forth.estimate, atol=0.05)
+    np.testing.assert_allclose(back.weights[::-1], forth.weights, atol=1e-3)
+
+
+# --- noise -------------------------------------------------------------------------------
+
+
+def test_noise_raises_the_prior_and_a_wide_psf_lowers_it():
+    tuning = FusedTuning()
+    strengths = [prior_strength(noise, 1.0, tuning) for noise in (0.5, 1.0, 2.0, 8.0)]
+    assert strengths == sorted(strengths)
+    assert strengths[0] < strengths[-1]
+    assert prior_strength(1.0, 1.7, tuning) < prior_strength(1.0, 1.0, tuning)
+    assert prior_strength(0.0, 1.0, tuning) == prior_strength(SMALLEST_NOISE, 1.0, tuning) > 0
+
+
+def test_told_of_noise_the_result_is_smoother_and_better():
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    views = _views(truth, grid, noise=5.0)
+    told, untold = _fuse(views, grid, noise=5.0), _fuse(views, grid, noise=0.0)
+    roughness = [np.abs(np.diff(result.estimate)).mean() for result in (told, untold)]
+    assert roughness[0] < 0.9 * roughness[1]
+    assert _score(told, truth) > _score(untold, truth) + 0.5
+
+
+def test_noise_is_tolerated_by_the_weights():
+    """True views keep their weight whatever the noise, if it is known."""
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    for noise in (1.0, 4.0, 8.0):
+        views = _views(truth, grid, noise=noise)
+        assert np.mean(_fuse(views, grid, noise=noise).weights[1:]) > 0.5
+
+
+def test_agreement_weights_fall_with_the_error_and_are_zero_where_there_is_nothing():
+    tuning = FusedTuning()
+    error = np.zeros((20, 31), np.float32)
+    error[:, 20:] = 12.0
+    error[4, 5] = np.nan
+    weights = agreement_weights(error, 1.0, tuning)
+    assert weights.dtype == np.float32
+    assert weights[4, 5] == 0
+    assert weights[10, 3] == 1
+    assert weights[10, 28] < 0.2
+    assert 0 <= weights.min() <= weights.max() <= 1
+    falling = [
+        float(agreement_weights(np.full((9, 9), level, np.float32), 1.0, tuning)[4, 4])
+        for level in (0, 2, 4, 8, 16, 1000)
+    ]
+    assert falling == sorted(falling, reverse=True)
+    assert falling[0] == 1
+    assert falling[-1] < 0.05
+    assert agreement_weights(-error, 1.0, tuning)[10, 28] == weights[10, 28]
+
+
+# --- flags -------------------------------------------------------------------------------
+
+
+def test_pixels_beyond_the_residual_threshold_are_flagged_and_left_out():
+    grid = _grid()
+    truth = np.full(grid.hr_shape(LR_SHAPE), 100, np.float32)
+    own, other, *_ = _views(truth, grid)
+    observed = other.observed.copy()
+    observed[11, 23] += 90
+    outlier = replace(other, observed=observed)
+    result = _fuse([own, outlier], grid, threshold=40.0)
+    flagged = np.argwhere(result.flags[1] & Rejection.RESIDUAL)
+    assert flagged.tolist() == [[11, 23]]
+    assert result.weights[1][11, 23] == 0
+    assert not (outlier.flags & Rejection.RESIDUAL).any(), "the input is not changed"
+    np.testing.assert_allclose(result.estimate, 100, atol=0.1)
+    lenient = _fuse([own, outlier], grid, threshold=120.0)
+    assert not (lenient.flags[1] & Rejection.RESIDUAL).any()
+
+
+@pytest.mark.parametrize("reason", [reason for reason in Rejection if reason])
+def test_reasons_that_exclude_and_reasons_that_are_suspicions(reason):
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    views = _views(truth, grid, count=2)
+    views[1].flags[10:20, 10:30] = np.uint8(reason)
+    result = _fuse(views, grid)
+    excluded = result.weights[1][10:20, 10:30] == 0
+    assert excluded.all() == excluded.any() == bool(reason & Rejection(int(IMPOSSIBLE)))
+    np.testing.assert_array_equal(result.flags[1][10:20, 10:30] & reason, reason)
+
+
+def test_pixels_without_a_place_are_left_out():
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    own, other = _views(truth, grid, count=2)
+    position, flags = other.position.copy(), other.flags.copy()
+    position[5:30] = np.nan
+    flags[5:30] = Rejection.NO_MOTION
+    result = _fuse([own, replace(other, position=position, flags=flags)], grid)
+    assert not result.weights[1][5:30].any()
+    assert np.isnan(result.simulated[1][5:30]).all()
+    assert np.isfinite(result.estimate).all()
+    nowhere = replace(
+        other, position=np.full_like(position, np.nan), flags=np.full_like(flags, 1)
+    )
+    alone = _fuse([own], grid)
+    assert _score(_fuse([own, nowhere], grid), truth) > _score(alone, truth) - 0.02
+
+
+# --- where things land -------------------------------------------------------------------
+
+PHASES = [
+    (magnification, sampling)
+    for magnification in ((2, 2), (3, 3), (4, 4), (2, 1), (1, 2), (3, 2))
+    for sampling in Sampling
+]
+
+
+@pytest.mark.parametrize(("magnification", "sampling"), PHASES)
+def test_a_ramp_lies_where_the_grid_says(magnification, sampling):
+    grid = _grid(*magnification, sampling)
+    psf = GaussianPsf.of(0.5 * max(magnification))
+    height, width = grid.hr_shape((16, 22))
+    y, x = np.mgrid[:height, :width]
+    truth = (20 + 2.0 * x + 1.1 * y).astype(np.float32)
+    views = []
+    for index, shift in enumerate(SHIFTS):
+        column, row = np.meshgrid(np.arange(22) + shift[0], np.arange(16) + shift[1])
+        seen = (
+            20
+            + 2.0 * (grid.magnification_x * column + grid.offset_x)
+            + 1.1 * (grid.magnification_y * row + grid.offset_y)
+        )
+        views.append(_view(seen, shift, is_reference=index == 0))
+    inner = (slice(5 * magnification[1], -5 * magnification[1]),
+             slice(5 * magnification[0], -5 * magnification[0]))  # fmt: skip
+    for chosen in (views[:1], views):
+        estimate = _fuse(chosen, grid, psf=psf).estimate
+        np.testing.assert_allclose(estimate[inner], truth[inner], atol=0.35)
+        assert abs((estimate - truth)[inner].mean()) < 0.03
+
+
+@pytest.mark.parametrize(("magnification", "sampling"), PHASES)
+def test_the_initial_estimate_is_bicubic_at_the_phase_of_the_grid(magnification, sampling):
+    grid = _grid(*magnification, sampling)
+    observed = _truth((14, 19))
+    start = initial_estimate(observed, grid)
+    # OpenCV rounds positions to a 32nd of a pixel; thirds are none
+    rounding = 0.5 / 32 if 3 in magnification else 0.0
+    steepest = max(np.abs(np.diff(observed, axis=axis)).max() for axis in (0, 1))
+    np.testing.assert_allclose(
+        start, bicubic(observed, grid), atol=0.01 + 3 * rounding * steepest
+    )
+
+
+@pytest.mark.parametrize(("magnification", "sampling"), PHASES)
+def test_a_bright_pixel_lies_where_the_grid_says(magnification, sampling):
+    grid = _grid(*magnification, sampling)
+    psf = GaussianPsf.of(0.5 * max(magnification))
+    observed = np.full((15, 21), 60, np.float32)
+    observed[6, 11] = 200
+    estimate = _fuse([_view(observed, is_reference=True)], grid, psf=psf).estimate - 60
+    height, width = estimate.shape
+    centre_x = grid.magnification_x * 11 + grid.offset_x
+    centre_y = grid.magnification_y * 6 + grid.offset_y
+    mass = np.where(estimate > 20, estimate, 0)
+    assert (mass.sum(axis=0) @ np.arange(width)) / mass.sum() == pytest.approx(centre_x, abs=0.05)
+    assert (mass.sum(axis=1) @ np.arange(height)) / mass.sum() == pytest.approx(centre_y, abs=0.05)
+
+
+def test_a_constant_stays_constant():
+    grid = _grid(3, 2, Sampling.AREA)
+    views = [_view(np.full((9, 14), 77), shift, is_reference=shift == (0, 0)) for shift in SHIFTS]
+    result = _fuse(views, grid)
+    np.testing.assert_allclose(result.estimate, 77, atol=0.01)
+    for view, weight in zip(views, result.weights, strict=True):
+        assert (weight[view.flags == 0] == 1).all()
+
+
+def test_where_a_view_sees_more_its_detail_goes_there():
+    """A second view of the left half alone: the right half is that of the reference alone."""
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    views = _views(truth, grid)
+    for view in views[1:]:
+        view.flags[:, 27:] |= np.uint8(Rejection.OCCLUDED)
+    alone, together = _fuse(views[:1], grid).estimate, _fuse(views, grid).estimate
+    errors = [np.abs(estimate - truth)[BORDER:-BORDER] for estimate in (alone, together)]
+    left, right = np.s_[:, BORDER:46], np.s_[:, 64:-BORDER]
+    assert errors[1][left].mean() < 0.8 * errors[0][left].mean()
+    assert errors[1][right].mean() == pytest.approx(errors[0][right].mean(), rel=0.12)
+    assert together.shape == (80, 108)
+
+
+# --- the record --------------------------------------------------------------------------
+
+
+def test_the_record_says_what_was_done():
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    views = _views(truth, grid)
+    result = _fuse(views, grid)
+    assert result.estimate.shape == result.density.shape == truth.shape
+    assert result.estimate.dtype == np.float32
+    assert result.iterations > 0
+    assert result.stop_reason == "iterations"
+    assert len(result.residuals) >= 1
+    assert 0 < result.residuals[-1] < 3
+    assert (result.density >= 0).all()
+    assert result.density[4:-4, 4:-4].min() > 0
+    for view, weight, flags, simulated in zip(
+        views, result.weights, result.flags, result.simulated, strict=True
+    ):
+        assert weight.shape == flags.shape == simulated.shape == LR_SHAPE
+        assert 0 <= weight.min() <= weight.max() <= 1
+        assert (flags >= view.flags).all()
+        inside = np.isfinite(simulated)
+        assert inside[1:-1, 1:-1].all()
+        assert (weight[~inside] == 0).all()
+        assert np.abs(simulated - view.observed)[inside].mean() < 2
+    assert (result.weights[0] == 1).all()
+    assert not result.flags[0].any(), "the reference itself is always trusted"
+
+
+def test_one_thread_or_two_give_the_same_bits():
+    grid = _grid(3, 2, Sampling.AREA)
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    views = _views(truth, grid, noise=1.0)
+    before = thread_count()
+    try:
+        results = []
+        for threads in (1, 2, 1):
+            set_threads(threads)
+            results.append(_fuse(views, grid, noise=1.0))
+    finally:
+        set_threads(before)
+    for other in results[1:]:
+        np.testing.assert_array_equal(other.estimate, results[0].estimate)
+        np.testing.assert_array_equal(other.weights, results[0].weights)
+        assert other.residuals == results[0].residuals
+
+
+def test_stop_ends_the_work_early():
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    views = _views(truth, grid)
+    polls = []
+
+    def stop() -> bool:
+        polls.append(None)
+        return True
+
+    result = _fuse(views, grid, stop=stop)
+    assert result.stop_reason == "stopped"
+    assert result.iterations == 0
+    assert len(polls) >= 1
+    np.testing.assert_array_equal(result.estimate, initial_estimate(views[0].observed, grid))
+
+
+def test_a_better_start_is_used():
+    grid = _grid()
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    own = _views(truth, grid, count=1)
+    warm = _fuse(own, grid, start=truth)
+    assert _score(warm, truth) > _score(_fuse(own, grid), truth) + 1
+    np.testing.assert_array_equal(truth, _truth(grid.hr_shape(LR_SHAPE))), "it is not modified"
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (3, 5)])
+@pytest.mark.parametrize(("magnification", "sampling"), PHASES)
+def test_tiny_images_and_wide_psfs(shape, magnification, sampling):
+    grid = _grid(*magnification, sampling)
+    psf = GaussianPsf.of(2.0)
+    truth = np.random.default_rng(1).uniform(90, 130, grid.hr_shape(shape))
+    views = _views(truth, grid, count=2, lr_shape=shape, psf=psf)
+    result = _fuse(views, grid, psf=psf)
+    assert result.estimate.shape == grid.hr_shape(shape)
+    assert np.isfinite(result.estimate).all()
+    assert 40 < result.estimate.min() <= result.estimate.max() < 180
