@@ -72,11 +72,13 @@ Machine: {described()}; {plan.threads} threads; {load_of(result)}.
 
 The unit is OpenCV's `INTER_CUBIC` of both eyes' 8-bit luma ({plan.size[0]}×{plan.size[1]} →
 {2 * plan.size[0]}×{2 * plan.size[1]}) on one thread, median of 30, measured anew before and after
-every run of a row; *× bicubic* is the time divided by the mean of the two. Figures are medians
-over the runs; *CPU s* is the processor time of all threads. The input is the rendered scene:
-noise 1, depth as a stereo matcher delivers it, no calibration; both eyes are reconstructed, kernels
-are compiled before. Exponents p are fitted to time ∝ size^p, that of the cold frame being judged.
-Peak memory is that of a fresh process that reads the frame from a file.
+every run of a row; *× bicubic* is the time divided by the mean of the two. *CPU s* is the processor
+time of all threads; *others* is what other programs took of the processor meanwhile. Figures are
+medians over the runs that had nine tenths of it or more for themselves, or over all where there
+was none; what rests on such rows is not judged. The input is the rendered scene: noise 1, depth as
+a stereo matcher delivers it, no calibration; both eyes are reconstructed, kernels are compiled
+before. Exponents p are fitted to time ∝ size^p, that of the cold frame being judged. Peak memory is
+that of a fresh process that reads the frame from a file.
 
 {result.table().as_markdown()}
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from benchmarks.tables import NOT_MEASURED, Table, number, signed
 
@@ -130,29 +130,29 @@ class SpeedFigures:
     exponent_views: float = math.nan
     exponent_pixels: float = math.nan
     memory_mib: tuple[float, float] = (math.nan, math.nan)
+    crowded: frozenset[str] = frozenset()
+    """Of "cold frame", "solver ratio", "growth with pixels" and "growth with views" those that
+    were measured while others used the machine."""
 
 
 def speed_floors(figures: SpeedFigures) -> list[Verdict]:
     """Return the floors of speed and memory, each met or not."""
     ratio, ours, theirs = figures.solver_ratio, figures.psnr_default, figures.psnr_pocs
     known = not any(math.isnan(value) for value in (ratio, ours, theirs))
-    return [
-        at_most(
-            f"cold frame ≤ {COLD_FRAME:.0f} × bicubic", figures.cold_frame, COLD_FRAME,
-            digits=0, unit=" ×",
-        ),
-        Verdict(
-            floor=f"default ≥ {SOLVER_RATIO:.0f} × faster than pocs at eight sweeps, "
-            "PSNR no lower",
-            measured=f"{number(ratio)} × faster, PSNR {signed(ours - theirs)} dB",
-            met=ratio >= SOLVER_RATIO and ours >= theirs if known else None,
-        ),
-        at_most(
-            f"growth with views: exponent ≤ {EXPONENT:g}", figures.exponent_views, EXPONENT
-        ),
-        at_most(
-            f"growth with pixels: exponent ≤ {EXPONENT:g}", figures.exponent_pixels, EXPONENT
-        ),
+    cold_frame = at_most(
+        f"cold frame ≤ {COLD_FRAME:.0f} × bicubic", figures.cold_frame, COLD_FRAME,
+        digits=0, unit=" ×",
+    )  # fmt: skip
+    solvers = Verdict(
+        floor=f"default ≥ {SOLVER_RATIO:.0f} × faster than pocs at eight sweeps, PSNR no lower",
+        measured=f"{number(ratio)} × faster, PSNR {signed(ours - theirs)} dB",
+        met=ratio >= SOLVER_RATIO and ours >= theirs if known else None,
+    )
+    views = at_most(f"growth with views: exponent ≤ {EXPONENT:g}", figures.exponent_views, EXPONENT)
+    pixels = at_most(
+        f"growth with pixels: exponent ≤ {EXPONENT:g}", figures.exponent_pixels, EXPONENT
+    )
+    memory = (
         at_most(
             f"peak memory, 8 × 512×384 → 1024×768, ≤ {MEMORY_MIB[0]:.0f} MiB",
             figures.memory_mib[0], MEMORY_MIB[0], digits=0, unit=" MiB",
@@ -161,7 +161,23 @@ def speed_floors(figures: SpeedFigures) -> list[Verdict]:
             f"peak memory, 8 × 1024×768 → 2048×1536, ≤ {MEMORY_MIB[1] / 1024:g} GiB",
             figures.memory_mib[1] / 1024, MEMORY_MIB[1] / 1024, unit=" GiB",
         ),
-    ]  # fmt: skip
+    )  # fmt: skip
+    crowded = figures.crowded
+    return [
+        # others can only have made it slower: what was fast enough all the same is
+        _doubted(cold_frame, "cold frame" in crowded and cold_frame.met is not True),
+        _doubted(solvers, "solver ratio" in crowded),
+        _doubted(views, "growth with views" in crowded),
+        _doubted(pixels, "growth with pixels" in crowded),
+        *memory,
+    ]
+
+
+def _doubted(verdict: Verdict, crowded: bool) -> Verdict:
+    """Return the verdict, or none where others used the machine meanwhile."""
+    if not crowded:
+        return verdict
+    return replace(verdict, measured=f"{verdict.measured}; the machine was busy", met=None)
 
 
 # --- how good: Set 1 -------------------------------------------------------------------------

@@ -145,7 +145,7 @@ class Part:
     def as_markdown(self) -> str:
         """Return the chapter as Markdown."""
         pieces = [f"### {title}\n\n{table.as_markdown()}" for title, table in self.tables]
-        return "\n\n".join([f"## {self.title}", self.text, *pieces])
+        return "\n\n".join([f"## {self.title}", self.text.strip(), *pieces])
 
 
 SET1_TEXT = """Real photographs as the truth: 8-bit luma, blurred by a Gaussian of σ_psf HR pixels
@@ -243,8 +243,8 @@ Measured on {today()} with `DEPTHSR_SCENES=FOLDER {command}` (`make quality`) in
 
 Machine: {described()}.
 
-Numbers do not depend on the machine's speed or its cores. The scenes are photographs that are no
-part of this repository; `DEPTHSR_SCENES` names the folder that holds them."""
+The real scenes are no part of this repository; `DEPTHSR_SCENES` names the folder that holds
+them."""
     return "\n\n".join([head, *(part.as_markdown() for part in parts)]) + "\n"
 
 

@@ -64,7 +64,7 @@ class Plan:
     magnifications: tuple[int, ...] = (2, 3, 4)
     memory_sizes: tuple[Size, ...] = ((512, 384), (1024, 768))
     repeats: int = 5
-    """Runs of a row at most; figures are their medians."""
+    """Runs of a row, at most, that had the machine for themselves; figures are their medians."""
     row_budget: float = 12.0
     """Seconds after which a row is not repeated."""
     threads: int = 2
@@ -79,8 +79,9 @@ QUICK = Plan(
     magnifications=(2, 3),
     memory_sizes=((96, 72),),
     repeats=1,
+    row_budget=0,
 )
-"""A minute's worth of nothing: whether the benchmark itself works."""
+"""A few seconds: whether the benchmark itself works."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +96,8 @@ class Row:
     """Of the unit."""
     cpu_seconds: float = math.nan
     """Processor time of all threads."""
+    others: float = math.nan
+    """Share of the processor that other programs took, 0..1."""
     memory_mib: float = math.nan
     runs: int = 0
     remark: str = ""
@@ -125,6 +128,7 @@ class SpeedResult:
                 "seconds",
                 "× bicubic",
                 "CPU s",
+                "others %",
                 "MiB",
                 "runs",
                 "remark",
@@ -137,6 +141,7 @@ class SpeedResult:
                     _seconds(row.seconds),
                     tables.number(row.multiple, 0 if row.multiple >= 10 else 2),
                     tables.number(row.cpu_seconds),
+                    tables.number(100 * row.others, 0),
                     tables.number(row.memory_mib, 0),
                     str(row.runs or tables.NOT_MEASURED),
                     row.remark,
@@ -275,16 +280,24 @@ class _Bench:
 
     # --- timing ------------------------------------------------------------------------
 
-    def _measure(
-        self, what: str, work: Callable[[], FrameResult], repeats: int | None = None
+    def _measure(self, what: str, work: Callable[[], FrameResult]) -> Measured:
+        return self._repeat(what, work, self._plan.repeats, self._plan.row_budget)
+
+    def _repeat(
+        self, what: str, work: Callable[[], FrameResult], repeats: int, budget: float
     ) -> Measured:
         self._note(what)
         measured = measure(
             self._unit, lambda: work().report.timings,
-            repeats=repeats or self._plan.repeats, budget=self._plan.row_budget,
+            threads=self._plan.threads, repeats=repeats, budget=budget,
         )  # fmt: skip
-        self.units += [run.unit for run in measured.runs]
+        self.units += [run.unit for run in measured.all_runs]
         return measured
+
+    def _crowd(self, figure: str, *measured: Measured) -> None:
+        """Note a figure as not to be trusted where one of its rows had no run to itself."""
+        if any(item.crowded for item in measured):
+            self.figures = replace(self.figures, crowded=self.figures.crowded | {figure})
 
     def _cold_frame(self, size: Size, num_views: int) -> Measured:
         key = (size, num_views)
@@ -311,15 +324,18 @@ class _Bench:
         # turn by turn, so that what slows one down slows the other down too
         runs: dict[str, list[Timed]] = {"fused": [], "pocs": []}
         end = time.perf_counter() + TURNS_BUDGET * plan.row_budget
-        for turn in range(plan.repeats):
-            if turn > 0 and time.perf_counter() > end:
-                break
+        while True:
             for name, settings in (("fused", self._settings), ("pocs", _pocs(self._settings))):
                 work = partial(solve, name, settings)
-                runs[name] += self._measure(f"cold frame with {name}", work, 1).runs
-        ours, theirs = (Measured(runs=tuple(runs[name])) for name in ("fused", "pocs"))
+                runs[name] += self._repeat(f"cold frame with {name}", work, 1, 0.0).all_runs
+            alone = min(sum(not run.crowded for run in found) for found in runs.values())
+            if alone >= plan.repeats or time.perf_counter() > end:
+                break
+        ours, theirs = (Measured(all_runs=tuple(runs[name])) for name in ("fused", "pocs"))
         self._cold[(plan.size, plan.num_views)] = ours
         place = _scaled(plan.size, plan.num_views)
+        self._crowd("cold frame", ours)
+        self._crowd("solver ratio", ours, theirs)
         yield _row("cold frame", "superresolve()", place, ours)
         for stage in ours.runs[0].stages:
             yield _row("", stage, "", ours, stage)
@@ -353,6 +369,7 @@ class _Bench:
         sizes = [size[0] * size[1] for size in plan.sizes]
         exponent, row = _exponents(sizes, list(found.values()))
         self.figures = replace(self.figures, exponent_pixels=exponent)
+        self._crowd("growth with pixels", *found.values())
         yield row
 
     def _views(self) -> Iterator[Row]:
@@ -371,6 +388,7 @@ class _Bench:
             )  # fmt: skip
         exponent, row = _exponents(plan.views, found)
         self.figures = replace(self.figures, exponent_views=exponent)
+        self._crowd("growth with views", *found)
         yield row
 
     def _magnifications(self) -> Iterator[Row]:
@@ -439,6 +457,7 @@ def _row(
         section=section, name=name, size=size, seconds=measured.seconds(stage),
         multiple=measured.multiple(stage), runs=len(measured.runs), remark=remark,
         cpu_seconds=measured.cpu_seconds if stage is None else math.nan,
+        others=measured.others if stage is None else math.nan,
     )  # fmt: skip
 
 

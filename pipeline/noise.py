@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -114,7 +115,8 @@ def estimate_noise(image: GreyImage) -> float:
     blocks = _usable_blocks(image)
     if len(blocks) == 0:
         return 0.0
-    energies = np.square(blocks @ _COMPONENTS)
+    # not NumPy's product: its last bits follow the number of cores
+    energies = np.square(cv2.gemm(np.ascontiguousarray(blocks), _COMPONENTS, 1.0, None, 0.0))
     coarse = energies[:, :_NUM_CHOOSING].sum(axis=1)
     num_chosen = min(len(blocks), max(FEWEST_CHOSEN, round(CHOSEN_SHARE * len(blocks))))
     chosen = np.argpartition(coarse, num_chosen - 1)[:num_chosen]

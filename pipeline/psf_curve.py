@@ -24,6 +24,8 @@ class PsfCurve:
     """The support that goes with it, HR pixels, odd."""
     layer: int | None = None
     """Depth layer, 0-based; None: the whole view."""
+    remark: str = ""
+    """Why the views could not tell and σ is an assumption; empty where they could."""
 
     def __post_init__(self) -> None:
         if len(self.sigmas) != len(self.errors) or not self.sigmas:
@@ -41,6 +43,8 @@ def format_psf(curves: Sequence[PsfCurve]) -> str:
     lines = []
     for curve in curves:
         lines.append(curve.title)
+        if curve.remark:
+            lines.append(curve.remark)
         lines.append("     σ   error")
         chosen = min(curve.sigmas, key=lambda sigma: abs(sigma - curve.sigma))
         for sigma, error in zip(curve.sigmas, curve.errors, strict=True):

@@ -41,6 +41,9 @@ from pipeline.media.files import check_folder_writable, check_writable, write_at
 from pipeline.media.info import SceneInfo
 from pipeline.media.media_sink import MediaSink
 from pipeline.media.source import FrameSource, open_scene
+from pipeline.psf_curve import PsfCurve
+from pipeline.psf_search import search_psf
+from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.report import depth_origin, make_report, strict_json, to_plain
 from pipeline.results import FrameResult
 from pipeline.sink import OutputPlan, Sink
@@ -65,6 +68,7 @@ class Tools:
 
     open_scene: Callable[..., FrameSource] = open_scene
     superresolve: Callable[..., FrameResult] = superresolve
+    search_psf: Callable[..., tuple[PsfCurve, ...]] = search_psf
     make_sink: Callable[[OutputPlan], Sink] = MediaSink
     clock: Callable[[], float] = time.perf_counter
 
@@ -108,6 +112,7 @@ class _Run:
     stop: StopFlag
     on_event: Callable[[Event], None]
     resume: bool
+    psf: GaussianPsf | None = None
     seen_warnings: dict[str, None] = field(default_factory=dict)
 
     def warn(self, texts: Sequence[str]) -> None:
@@ -191,6 +196,8 @@ def run_job(
                 )
             )
             run.warn(info.warnings)
+            if todo and job.settings.psf == "auto":
+                run.psf = _estimated_psf(run, source.read(frames.start))
             _work(run, source, sink, folder, plan.targets, todo, len(frames), len(segments))
             run.stop.check()
             on_event(Joining(segments=len(segments)))
@@ -290,6 +297,18 @@ def check_outputs(job: Job) -> None:
     for folder in (output.frames_dir, output.debug_dir):
         if folder is not None:
             check_folder_writable(folder)
+
+
+def _estimated_psf(run: _Run, first: MultiViewFrame) -> GaussianPsf:
+    """Return the PSF of the job, estimated on its first frame so that all segments agree."""
+    job = run.job
+    if job.input.views is not None:
+        first = replace(first, views=tuple(first.view(view) for view in job.input.views))
+    with run.stop.breakable():
+        curve = run.tools.search_psf(first, job.settings)[0]
+    if curve.remark:
+        run.warn((curve.remark,))
+    return GaussianPsf.of(curve.sigma, curve.support)
 
 
 def _work(
@@ -393,6 +412,7 @@ def _compute(
             targets=targets,
             observed_views=run.job.input.views,
             keep_intermediates=run.job.output.debug_dir is not None,
+            **({} if run.psf is None else {"psf": run.psf}),
         )
         seconds = run.tools.clock() - begin
     run.warn(result.report.warnings)

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.config import Settings, Solver
-from pipeline.errors import Interrupted, SceneError
+from pipeline.errors import ConfigurationError, Interrupted, SceneError
 from pipeline.frames import ChromaImage, GreyImage, MultiViewFrame, RegisteredView, View
 from pipeline.grid import Grid
 from pipeline.noise import estimate_noise_of_views
@@ -70,6 +70,7 @@ def superresolve(
     *,
     targets: tuple[str, ...],
     observed_views: tuple[str, ...] | None = None,
+    psf: GaussianPsf | None = None,
     keep_intermediates: bool = False,
     stop: Callable[[], bool] | None = None,
 ) -> FrameResult:
@@ -80,11 +81,12 @@ def superresolve(
     frame : MultiViewFrame
         N views of (H, W) LR pixels.
     settings : Settings
-        A PSF of "auto" must have been estimated before (see ``psf_search``).
     targets : tuple of view ids
         Reference views to reconstruct.
     observed_views : tuple of view ids, optional
         Views whose pixels may be used; default: all. Every target must be among them.
+    psf : GaussianPsf, optional
+        The estimated PSF, where the settings say "auto" (see ``psf_search``).
     keep_intermediates : bool
         Whether the result carries what debug pictures need.
     stop : callable, optional
@@ -98,6 +100,8 @@ def superresolve(
     ------
     SceneError
         If a target is not among the observed views.
+    ConfigurationError
+        If the settings say that the PSF is estimated and no estimate is handed over.
     Interrupted
         If ``stop`` said so; nothing is returned then.
     """
@@ -114,7 +118,10 @@ def superresolve(
     noise = settings.noise_sigma
     if noise is None:
         noise = estimate_noise_of_views([frame.view(view_id) for view_id in sources])
-    psf = given_psf(settings)
+    if psf is None:
+        if settings.psf == "auto":
+            raise ConfigurationError("--psf auto: no estimate was made before the first frame")
+        psf = given_psf(settings)
     method = chosen_method(settings)
     clock.done("preparation")
     prepared, registrations = _registered(frame, views, targets, sources, settings, method, noise)
@@ -130,7 +137,9 @@ def superresolve(
     clock.done("reconstruction")
     images = {result.image.view_id: result.image for result in results}
     for target in targets:
-        images[target] = replace(images[target], chroma=_chroma(frame, settings, target, sources))
+        images[target] = replace(
+            images[target], chroma=_chroma(frame, settings, target, sources, psf)
+        )
     clock.done("chroma")
     report = FrameReport(
         frame_index=frame.frame_index,
@@ -384,7 +393,11 @@ def _layers_of(
 
 
 def _chroma(
-    frame: MultiViewFrame, settings: Settings, target: str, sources: Sequence[str]
+    frame: MultiViewFrame,
+    settings: Settings,
+    target: str,
+    sources: Sequence[str],
+    psf: GaussianPsf,
 ) -> ChromaImage | None:
     """Return the colour of a reference view on the HR grid, None for grey input.
 
@@ -408,7 +421,7 @@ def _chroma(
         )
         result = superresolve(
             replace(frame, views=views), replace(settings, noise_sigma=None), targets=(target,),
-            observed_views=tuple(sources),
+            observed_views=tuple(sources), psf=psf,
         )  # fmt: skip
         planes.append(result.images[target].luma)
     return np.stack(planes, axis=-1)

@@ -300,19 +300,14 @@ def _run_probe(arguments: argparse.Namespace) -> int:
 def _run_psf(arguments: argparse.Namespace) -> int:
     from pipeline import drawing
     from pipeline.config import Settings
-    from pipeline.errors import PipelineError
     from pipeline.job import InputOptions
     from pipeline.media.files import check_writable, write_atomic
     from pipeline.media.source import open_scene
     from pipeline.psf_curve import format_psf, psf_picture
+    from pipeline.psf_search import search_psf
     from pipeline.report import strict_json, versions
     from pipeline.threads import set_threads
     from service.options import collect
-
-    try:
-        from pipeline.psf_search import search_psf
-    except ModuleNotFoundError as error:
-        raise PipelineError("the PSF estimator is not installed") from error
 
     options = InputOptions(**collect(arguments, InputOptions))
     settings = Settings(psf="auto", **collect(arguments, Settings))

@@ -104,6 +104,7 @@ def _help(item: dataclasses.Field) -> str:
     unit = item.metadata["unit"]
     if unit:
         text += f" [{unit}]"
-    if item.default not in (None, False, FrameRange()) and "(default" not in text:
+    unsaid = item.default is None or item.default is False or item.default == FrameRange()
+    if not unsaid and "(default" not in text:
         text += f" (default: {item.default})"
     return text.replace("%", "%%")

@@ -4,6 +4,7 @@ import json
 import math
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from benchmarks.floors import RenderedCase, Set1Cell, SpeedFigures
 from benchmarks.memory import load_frame, save_frame
 from benchmarks.speed import middle_views
 from benchmarks.tables import Table, signed
-from benchmarks.unit import Measured, Timed
+from benchmarks.unit import Measured, Timed, share_of_others
 from pipeline.config import Settings
 from pipeline.synthetic import SampleScene
 
@@ -178,10 +179,35 @@ def test_figures_are_medians_and_follow_the_unit():
         Timed(seconds=seconds, cpu_seconds=1, unit=unit, stages={"a": seconds / 2})
         for seconds, unit in ((1.0, 0.1), (3.0, 0.3), (2.0, 0.1))
     )
-    measured = Measured(runs=runs)
+    measured = Measured(all_runs=runs)
     assert measured.seconds() == 2
     assert measured.multiple() == pytest.approx(10)
     assert measured.multiple("a") == pytest.approx(5)
+
+
+def test_runs_beside_other_programs_do_not_count():
+    runs = tuple(
+        Timed(seconds=seconds, cpu_seconds=1, unit=1, others=others)
+        for seconds, others in ((5.0, 0.5), (2.0, 0.02), (9.0, 0.3))
+    )
+    measured = Measured(all_runs=runs)
+    assert (measured.seconds(), measured.others, measured.crowded) == (2.0, 0.02, False)
+    busy = Measured(all_runs=runs[::2])
+    assert (busy.seconds(), busy.crowded) == (7.0, True)
+    share = partial(share_of_others, own=2.0, seconds=1.0, threads=2)
+    assert share(busy=2.0, cores=2) == 0
+    assert share(busy=3.0, cores=2) == 0.5
+    assert share(busy=3.0, cores=4) == 0  # there is room for all
+    assert share(busy=4.5, cores=4) == 0.25
+    assert share(busy=float("nan"), cores=2) == 0
+
+
+def test_figures_of_a_busy_machine_are_not_judged():
+    names = frozenset({"cold frame", "solver ratio", "growth with pixels", "growth with views"})
+    words = _words(floors.speed_floors(replace(GOOD, crowded=names)))
+    assert words == ["met", "not judged", "not judged", "not judged", "met", "met"]
+    slow = floors.speed_floors(replace(GOOD, cold_frame=3000, crowded=names))[0]
+    assert (slow.met, slow.measured) == (None, "3000 ×; the machine was busy")
 
 
 def test_tables():

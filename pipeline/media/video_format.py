@@ -84,10 +84,10 @@ class VideoFormat:
         if self.crf is not None:
             highest = HIGHEST_CRF.get(self.codec)
             if highest is None:
-                raise ConfigurationError(f"crf: {self.codec} is lossless and takes no quality")
+                raise ConfigurationError(f"--crf: {self.codec} is lossless and takes no quality")
             if not 1 <= self.crf <= highest:
                 raise ConfigurationError(
-                    f"crf: must be 1 to {highest} for {self.codec}, not {self.crf}"
+                    f"--crf: must be 1 to {highest} for {self.codec}, not {self.crf}"
                 )
 
     @classmethod

@@ -262,6 +262,18 @@ def advance(step, direction, applied, estimate, residual, row_lo, row_hi):
 
 
 @njit(**_OPTIONS)
+def dot(first, second, row_lo, row_hi):
+    """Return the sum of products of two images over a band of rows, in float64."""
+    total = 0.0
+    for y in range(row_lo, row_hi):
+        line = np.float32(0.0)
+        for x in range(first.shape[1]):
+            line += first[y, x] * second[y, x]
+        total += line
+    return total
+
+
+@njit(**_OPTIONS)
 def sharpen(image, blurred, amount, row_lo, row_hi, out):
     """Write image + amount · (image − blurred) into rows of ``out``."""
     a = np.float32(amount)

@@ -140,10 +140,10 @@ class NormalEquations:
         residual -= self.apply(estimate, prior, strength)
         sharpened = self._sharpen(residual)
         direction = sharpened.copy()
-        first = energy = float(np.vdot(residual, sharpened))
+        first = energy = self._dot(residual, sharpened)
         for iteration in range(iterations):
             applied = self.apply(direction, prior, strength)
-            curvature = float(np.vdot(direction, applied))
+            curvature = self._dot(direction, applied)
             if not (energy > 0 and curvature > 0):
                 break
             self._advance(energy / curvature, direction, applied, estimate, residual)
@@ -151,11 +151,15 @@ class NormalEquations:
             if iteration + 1 == iterations:
                 break
             sharpened = self._sharpen(residual)
-            previous, energy = energy, float(np.vdot(residual, sharpened))
+            previous, energy = energy, self._dot(residual, sharpened)
             if energy < settled**2 * first:
                 break
             self._turn(energy / previous, sharpened, direction)
         return estimate
+
+    def _dot(self, first: HrImage, second: HrImage) -> float:
+        """Return the scalar product; the bands are fixed, so it is the same on any machine."""
+        return float(sum(map_threads(lambda band: kernels.dot(first, second, *band), self._bands)))
 
     def _advance(
         self, step: float, direction: HrImage, applied: HrImage, estimate: HrImage,

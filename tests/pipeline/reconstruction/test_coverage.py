@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -81,5 +83,5 @@ def test_coverage_is_a_share_and_another_view_never_lowers_it(shifts, sampling):
     positions = [_position(shift) for shift in shifts]
     shares = [_covered(positions[: n + 1], grid) for n in range(len(positions))]
     assert 0 <= shares[0] <= 1 / 6 + 1e-9
-    assert all(later >= earlier for earlier, later in zip(shares[:-1], shares[1:], strict=True))
+    assert all(later >= earlier for earlier, later in pairwise(shares))
     assert shares[-1] <= 1

@@ -104,9 +104,7 @@ def _views(truth, grid, *, count=4, noise=0.0, lr_shape=LR_SHAPE, psf=PSF) -> li
 
 def _fuse(views, grid, *, psf=PSF, noise=0.3, threshold=30.0, **options) -> FusedResult:
     lr_shape = next(view for view in views if view.is_reference).observed.shape
-    return fuse(
-        views, grid, lr_shape, psf, noise=noise, residual_threshold=threshold, **options
-    )
+    return fuse(views, grid, lr_shape, psf, noise=noise, residual_threshold=threshold, **options)
 
 
 def _score(result: FusedResult, truth: np.ndarray) -> float:
@@ -289,9 +287,7 @@ def test_pixels_without_a_place_are_left_out():
     assert not result.weights[1][5:30].any()
     assert np.isnan(result.simulated[1][5:30]).all()
     assert np.isfinite(result.estimate).all()
-    nowhere = replace(
-        other, position=np.full_like(position, np.nan), flags=np.full_like(flags, 1)
-    )
+    nowhere = replace(other, position=np.full_like(position, np.nan), flags=np.full_like(flags, 1))
     alone = _fuse([own], grid)
     assert _score(_fuse([own, nowhere], grid), truth) > _score(alone, truth) - 0.02
 
@@ -337,9 +333,7 @@ def test_the_initial_estimate_is_bicubic_at_the_phase_of_the_grid(magnification,
     # OpenCV rounds positions to a 32nd of a pixel; thirds are none
     rounding = 0.5 / 32 if 3 in magnification else 0.0
     steepest = max(np.abs(np.diff(observed, axis=axis)).max() for axis in (0, 1))
-    np.testing.assert_allclose(
-        start, bicubic(observed, grid), atol=0.01 + 3 * rounding * steepest
-    )
+    np.testing.assert_allclose(start, bicubic(observed, grid), atol=0.01 + 3 * rounding * steepest)
 
 
 @pytest.mark.parametrize(("magnification", "sampling"), PHASES)

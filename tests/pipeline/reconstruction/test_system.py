@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -174,7 +176,7 @@ def test_gathering_by_bands_is_gathering_at_once(seed, cuts):
     for split in ([0, HR_SHAPE[0]], edges):
         couplings = np.zeros((kernels.NUM_COUPLINGS, *HR_SHAPE), np.float32)
         rhs = np.zeros(HR_SHAPE, np.float32)
-        for low, high in zip(split[:-1], split[1:], strict=True):
+        for low, high in pairwise(split):
             kernels.gather_observations(*observations, low, high, couplings, rhs)
         results.append((couplings, rhs))
     (couplings, rhs), (by_bands, rhs_by_bands) = results
@@ -210,11 +212,11 @@ def test_stencil_prior_and_samples_by_bands_are_the_same_bits(cuts):
         stencil = np.empty(HR_SHAPE, np.float32)
         weights = np.zeros((4, HR_SHAPE[0] + 2, HR_SHAPE[1] + 2), np.float32)
         samples = np.empty(x.shape, np.float32)
-        for low, high in zip(split[:-1], split[1:], strict=True):
+        for low, high in pairwise(split):
             kernels.apply_couplings(couplings, image, low, high, stencil)
             kernels.edge_weights(_image(seed=3), 5.0, low, high, weights)
             kernels.sample_spline(image, x, y, low, high, samples)
-        for low, high in zip(split[:-1], split[1:], strict=True):
+        for low, high in pairwise(split):
             kernels.apply_prior(weights, image, low, high, 0.7, stencil)
         results.append((stencil, weights, samples))
     for once, by_bands in zip(*results, strict=True):
@@ -309,9 +311,7 @@ def test_all_phases_without_noise_give_the_truth(magnification, sampling):
             value = simulate(truth, taps, x, y)
             weight = np.isfinite(value).astype(np.float32)
             observations.append((x, y, np.nan_to_num(value), weight))
-    system = _system(
-        *observations, shape=truth.shape, taps=taps, sharpening=psf_taps(psf, grid)
-    )
+    system = _system(*observations, shape=truth.shape, taps=taps, sharpening=psf_taps(psf, grid))
     start = np.full_like(truth, 120)
     # a trace of prior: pixels sampled half-way between them do not show their finest detail
     found = system.descend(start, system.edge_weights(start, 10.0), 0.002, 80)
@@ -328,8 +328,7 @@ def test_residuals_of_the_normal_equations_fall():
     for iterations in (0, 1, 3, 6, 12, 25):
         away = system.descend(np.zeros(HR_SHAPE, np.float32), prior, 0.1, iterations) - solution
         distances.append(np.vdot(away, system.apply(away, prior, 0.1)))
-    assert all(later < earlier for earlier, later in zip(distances[:-1], distances[1:],
-                                                        strict=True))  # fmt: skip
+    assert all(later < earlier for earlier, later in pairwise(distances))
     assert distances[-1] < 1e-2 * distances[0]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -33,10 +35,7 @@ def test_every_pixel_is_in_exactly_one_layer(nearness, num_layers, min_support):
     assert thresholds[-1] == np.inf
     assert (np.diff(thresholds) > 0).all()
     assert 1 <= len(thresholds) - 1 <= num_layers
-    inside = [
-        (low <= nearness) & (nearness < high)
-        for low, high in zip(thresholds[:-1], thresholds[1:], strict=True)
-    ]
+    inside = [(low <= nearness) & (nearness < high) for low, high in pairwise(thresholds)]
     np.testing.assert_array_equal(np.sum(inside, axis=0), 1)
     labels = layer_labels(nearness, thresholds)
     assert labels.dtype == np.int32

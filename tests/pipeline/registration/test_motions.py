@@ -167,7 +167,7 @@ def test_only_the_pixels_of_the_patch_take_part():
     source, reference = _prepared(luma, depth_map), _prepared(_texture(X, Y), depth_map)
     for low, high, expected in ((30, np.inf, (3.1, -0.6)), (-np.inf, 30, (-1.2, 0.8))):
         start = no_motion(_patch())
-        start[0, [0, 6]] = np.array(expected) + [0.8, -0.5]
+        start[0, [0, 6]] = expected[0] + 0.8, expected[1] - 0.5
         fitted = _fit(
             source, reference, _patch(low=low, high=high), start, passes=PASSES[2:],
             model=MotionModel.TRANSLATION,
