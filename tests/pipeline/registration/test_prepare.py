@@ -136,6 +136,21 @@ def test_depth_is_cleaned_of_single_wrong_pixels_but_keeps_its_step():
     assert (~view.known).sum() == 6
 
 
+def test_coarse_pixels_lie_on_every_second_fine_one():
+    """Picture and depth of a level: pixel (i, j) is pixel (2·i, 2·j) of the level before."""
+    x, y = _grid((64, 98))
+    ramp = (20 + 1.5 * x + 0.7 * y).astype(np.float32)
+    view = prepare(_view(ramp, ramp), 3)
+    assert len(view.levels) == 3
+    for number, level in enumerate(view.levels):
+        step = 2**number
+        inner = np.s_[4:-4, 4:-4]
+        np.testing.assert_allclose(level.image[inner], ramp[::step, ::step][inner], atol=0.02)
+        np.testing.assert_allclose(level.nearness[inner], ramp[::step, ::step][inner], atol=0.02)
+        np.testing.assert_allclose(level.gradient_x[inner], 1.5 * step, rtol=0.01)
+        np.testing.assert_allclose(level.gradient_y[inner], 0.7 * step, rtol=0.01)
+
+
 def test_smoothing_tames_noise_but_not_the_raw_coefficients():
     luma = np.random.default_rng(5).normal(100, 10, (40, 50)).astype(np.float32)
     view = prepare(_view(luma), 1)
