@@ -46,7 +46,7 @@ SMALLEST_NOISE = 0.3
 class FusedTuning:
     """The constants of the solver, measured on the sample and on real scenes."""
 
-    prior_strength: float = 0.105
+    prior_strength: float = 0.092
     """λ at noise 1 and σ_psf 1."""
     prior_noise_power: float = 1.4
     """λ grows with the noise to this power …"""
@@ -64,12 +64,12 @@ class FusedTuning:
     """Side of the box over which its square is averaged, LR pixels."""
     alone: tuple[int, int] = (2, 8)
     """Re-weightings, and at most so many conjugate-gradient steps each: reference alone."""
-    together: tuple[int, int] = (5, 8)
+    together: tuple[int, int] = (4, 8)
     """The same for all views."""
     settled: float = 0.2
     """Share of its first residual at which a descent has come far enough."""
-    only: tuple[int, int] = (3, 8)
-    """The same where the reference is the only view."""
+    only: tuple[int, int] = (6, 8)
+    """The same where the reference is the only view: as much work as for many."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -276,8 +276,9 @@ def _register_windows(
     noise: float,
     through: tuple[ViewRegistration, ViewRegistration] | None,
 ) -> tuple[FittedMotions, ParallaxMotion]:
-    if through is not None and through[0].motions is not None and through[0].parallax is not None:
-        fitted, parallax, across = _start_through(*through)
+    composed = None if through is None else _start_through(*through)
+    if composed is not None:
+        fitted, parallax, across = composed
     else:
         if method.initialisation is Initialisation.CALIBRATION:
             parallax = _calibrated(source, reference)
@@ -395,16 +396,19 @@ def _along_parallax(
 
 def _start_through(
     first: ViewRegistration, bridge: ViewRegistration
-) -> tuple[FittedMotions, ParallaxMotion, float]:
+) -> tuple[FittedMotions, ParallaxMotion, float] | None:
     """Return motions onto a second reference, composed of those onto the first and its own.
+
+    None where the first reference taught too little (it is black, say): too few patches
+    that were fitted and land where the bridge is trusted, or too few that agree.
 
     The landing points of the patches' centres in the first reference are looked up in
     the bridge's position map; the parallax motion is fitted to the pairs, and the
     patches start from it with the depth that the first registration refined.
     """
     fitted, onto_first = first.motions, first.parallax
-    assert fitted is not None
-    assert onto_first is not None
+    if fitted is None or onto_first is None:
+        return None
     patches = fitted.patches
     x, y, _ = motions.centres(patches)
     points = np.stack([x, y], axis=-1)
@@ -423,8 +427,8 @@ def _start_through(
     good = (fitted.status == FITTED) & (fitted.reliable > 0.5) & (trusted > 0)
     good &= (position > -1e3).all(axis=1)
     parallax = fit_parallax(points[good], position[good].astype(float), nearness[good], rounds=6)
-    if parallax is None:
-        parallax = identity()
+    if parallax is None or parallax.num_inliers < max(FEWEST_PATCHES, good.sum() // 2):
+        return None
     start = motions.from_parallax(moved, parallax)
     start[:, motions.OFFSET] = 0.0
     return replace(fitted, patches=moved, motion=start), parallax, 0.1

@@ -361,7 +361,7 @@ def test_a_constant_stays_constant():
 
 
 def test_where_a_view_sees_more_its_detail_goes_there():
-    """A second view of the left half alone: the right half is that of the reference alone."""
+    """Other views of the left half alone: the right half is no worse than of one view."""
     grid = _grid()
     truth = _truth(grid.hr_shape(LR_SHAPE))
     views = _views(truth, grid)
@@ -371,7 +371,7 @@ def test_where_a_view_sees_more_its_detail_goes_there():
     errors = [np.abs(estimate - truth)[BORDER:-BORDER] for estimate in (alone, together)]
     left, right = np.s_[:, BORDER:46], np.s_[:, 64:-BORDER]
     assert errors[1][left].mean() < 0.8 * errors[0][left].mean()
-    assert errors[1][right].mean() == pytest.approx(errors[0][right].mean(), rel=0.12)
+    assert errors[1][right].mean() <= 1.02 * errors[0][right].mean()
     assert together.shape == (80, 108)
 
 
