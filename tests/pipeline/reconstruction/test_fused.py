@@ -347,8 +347,8 @@ def test_a_bright_pixel_lies_where_the_grid_says(magnification, sampling):
     centre_x = grid.magnification_x * 11 + grid.offset_x
     centre_y = grid.magnification_y * 6 + grid.offset_y
     mass = np.where(estimate > 20, estimate, 0)
-    assert (mass.sum(axis=0) @ np.arange(width)) / mass.sum() == pytest.approx(centre_x, abs=0.05)
-    assert (mass.sum(axis=1) @ np.arange(height)) / mass.sum() == pytest.approx(centre_y, abs=0.05)
+    assert (mass.sum(axis=0) @ np.arange(width)) / mass.sum() == pytest.approx(centre_x, abs=0.15)
+    assert (mass.sum(axis=1) @ np.arange(height)) / mass.sum() == pytest.approx(centre_y, abs=0.15)
 
 
 def test_a_constant_stays_constant():
