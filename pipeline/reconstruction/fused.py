@@ -64,7 +64,7 @@ class FusedTuning:
     """Side of the box over which its square is averaged, LR pixels."""
     alone: tuple[int, int] = (2, 8)
     """Re-weightings, and at most so many conjugate-gradient steps each: reference alone."""
-    together: tuple[int, int] = (6, 8)
+    together: tuple[int, int] = (7, 8)
     """The same for all views."""
     settled: float = 0.2
     """Share of its first residual at which a descent has come far enough."""
