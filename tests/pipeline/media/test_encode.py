@@ -10,6 +10,7 @@ import subprocess
 import sys
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
@@ -616,18 +617,25 @@ def test_killed_in_the_middle_nothing_has_the_final_name(tmp_path, stage):
     assert left[0].startswith(".final.mkv.")
 
 
-@pytest.fixture
-def limit_file_size() -> Iterator[Callable[[int], None]]:
-    """Lets a test forbid files above a size, as a full disk would."""
+@contextmanager
+def file_size_limited_to(size: int) -> Iterator[None]:
+    """Forbids files above a size, as a full disk would.
+
+    The limit is the whole process's, and pytest's own report may go to a file: it must be gone
+    before the test returns, not only at a fixture's end.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.mark.parametrize(
     ("container", "codec"), [(Container.MKV, VideoCodec.FFV1), (Container.MP4, VideoCodec.H264)]
 )
-def test_running_out_of_space_at_any_point_is_an_error(tmp_path, limit_file_size, container, codec):
+def test_running_out_of_space_at_any_point_is_an_error(tmp_path, container, codec):
     video = video_format(container, codec)
     eyes = list(moving_eyes(range(3), height=64, width=96))
     out, (segment,) = write_and_join(tmp_path, "v", video, [eyes])
@@ -635,12 +643,16 @@ def test_running_out_of_space_at_any_point_is_an_error(tmp_path, limit_file_size
     kept.mkdir()
 
     for size in (0, 1000, segment.stat().st_size - 1, segment.stat().st_size // 2):
-        limit_file_size(size)
-        with pytest.raises(OutputError, match="grew beyond the allowed size"):
+        with (
+            file_size_limited_to(size),
+            pytest.raises(OutputError, match="grew beyond the allowed size"),
+        ):
             write_segment(kept / "s.mkv", video, eyes, first_frame=100)
     for size in (0, 1000, out.stat().st_size - 1, out.stat().st_size // 2):
-        limit_file_size(size)
-        with pytest.raises(OutputError, match="grew beyond the allowed size"):
+        with (
+            file_size_limited_to(size),
+            pytest.raises(OutputError, match="grew beyond the allowed size"),
+        ):
             join_segments([segment], kept / out.name, video)
     assert list(kept.iterdir()) == []
 
