@@ -26,7 +26,7 @@ from pipeline.reconstruction.pocs import pocs
 from pipeline.reconstruction.psf import GaussianPsf, psf_axes, sampling_taps
 from pipeline.reconstruction.system import simulate
 from pipeline.registration.layers import layer_labels, layer_thresholds
-from pipeline.registration.method import METHODS, RegistrationMethod
+from pipeline.registration.method import METHODS, Layout, RegistrationMethod
 from pipeline.registration.prepare import PreparedView
 from pipeline.registration.register import (
     Thresholds,
@@ -150,7 +150,7 @@ def superresolve(
         psf_is_estimated=settings.psf == "auto",
         targets=tuple(result.report for result in results),
         timings=clock.timings,
-        warnings=_warnings(frame, sources),
+        warnings=(*_warnings(frame, sources), *_unused(settings, method)),
     )
     debug = {result.image.view_id: result.debug for result in results if result.debug is not None}
     return FrameResult(frame_index=frame.frame_index, images=images, report=report, debug=debug)
@@ -425,6 +425,16 @@ def _chroma(
         )  # fmt: skip
         planes.append(result.images[target].luma)
     return np.stack(planes, axis=-1)
+
+
+def _unused(settings: Settings, method: RegistrationMethod) -> tuple[str, ...]:
+    """Return what was asked for and has no effect on the registration method chosen."""
+    if method.layout is Layout.STRIPS or (settings.layers is None and settings.subregions is None):
+        return ()
+    return (
+        f"--layers and --subregions have no effect on --registration {settings.registration}, "
+        "which cuts windows; they shape the methods a to l",
+    )
 
 
 def _warnings(frame: MultiViewFrame, sources: Sequence[str]) -> tuple[str, ...]:

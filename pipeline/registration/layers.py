@@ -52,8 +52,7 @@ def layer_thresholds(
         last = int(np.floor(0.5 * (bounds[index] + bounds[index + 1])))
         places = np.arange(max(first, 1), min(last, HISTOGRAM_BINS - 1) + 1)
         if places.size:
-            emptiness = smooth[places - 1] + smooth[places]
-            thresholds.append(edges[places[int(np.argmin(emptiness))]])
+            thresholds.append(edges[places[_emptiest(smooth[places - 1] + smooth[places])]])
     kept = [-np.inf]
     for threshold in sorted(set(thresholds)):
         below = np.searchsorted(values, threshold) - np.searchsorted(values, kept[-1])
@@ -61,6 +60,14 @@ def layer_thresholds(
         if below >= min_support and above >= min_support:
             kept.append(threshold)
     return np.array([*kept, np.inf])
+
+
+def _emptiest(counts: npt.NDArray[np.float64]) -> int:
+    """Return the middle of the longest run of smallest counts: the widest gap, not its rim."""
+    smallest = np.concatenate([[False], counts == counts.min(), [False]])
+    begins, ends = np.flatnonzero(np.diff(smallest.astype(np.int8))).reshape(-1, 2).T
+    longest = int(np.argmax(ends - begins))
+    return int(begins[longest] + ends[longest]) // 2
 
 
 def layer_labels(

@@ -37,7 +37,11 @@ class Patches:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _plane(values, px, py, count, out):
-    """Write the least-squares plane of the first ``count`` values; return the residual's std."""
+    """Write a plane through the first ``count`` values; return their spread about the best one.
+
+    The ridge keeps the slope of a narrow part small; the spread (a standard deviation) knows
+    nothing of it, or steep planes would seem to be none.
+    """
     n = float(count)
     sx = sy = sxx = sxy = syy = sd = sxd = syd = sdd = 0.0
     for k in range(count):
@@ -53,18 +57,23 @@ def _plane(values, px, py, count, out):
         sdd += d * d
     mx, my, md = sx / n, sy / n, sd / n
     ridge = 0.02
-    cxx = sxx / n - mx * mx + ridge
+    cxx = sxx / n - mx * mx
     cxy = sxy / n - mx * my
-    cyy = syy / n - my * my + ridge
+    cyy = syy / n - my * my
     cxd = sxd / n - mx * md
     cyd = syd / n - my * md
-    determinant = cxx * cyy - cxy * cxy
-    a = (cxd * cyy - cyd * cxy) / determinant
-    b = (cyd * cxx - cxd * cxy) / determinant
+    determinant = (cxx + ridge) * (cyy + ridge) - cxy * cxy
+    a = (cxd * (cyy + ridge) - cyd * cxy) / determinant
+    b = (cyd * (cxx + ridge) - cxd * cxy) / determinant
     out[0] = md - a * mx - b * my
     out[1] = a
     out[2] = b
-    variance = sdd / n - md * md - a * cxd - b * cyd
+    plain = cxx * cyy - cxy * cxy
+    if plain > 1e-6:
+        explained = (cxd * cxd * cyy - 2 * cxd * cyd * cxy + cyd * cyd * cxx) / plain
+    else:  # all in one line
+        explained = a * cxd + b * cyd
+    variance = sdd / n - md * md - explained
     return np.sqrt(max(variance, 0.0))
 
 
@@ -219,7 +228,7 @@ def fill_unknown(depth_map: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """
     known = np.isfinite(depth_map)
     if known.all():
-        return np.ascontiguousarray(depth_map, np.float32)
+        return np.array(depth_map, np.float32, order="C")  # a writable one, for one compilation
     if not known.any():
         return np.zeros(depth_map.shape, np.float32)
     height, width = depth_map.shape

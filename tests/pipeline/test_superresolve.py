@@ -375,6 +375,14 @@ def test_poor_views_are_warned_of_and_do_no_harm(scene, frame, name, level, said
     assert psnr(result.images["cam1"].luma, truth, border=12) > psnr(single.luma, truth, border=12)
 
 
+@pytest.mark.parametrize(("preset", "heeded"), [("default", False), ("a", True)])
+def test_layers_that_a_method_does_not_cut_are_warned_of(frame, preset, heeded):
+    settings = replace(SETTINGS, registration=preset, layers=5)
+    result = superresolve(_grey(frame), settings, targets=("cam1",))
+    said = [text for text in result.report.warnings if "--layers" in text]
+    assert len(said) == (0 if heeded else 1)
+
+
 @pytest.mark.parametrize("preset", REGISTRATION_PRESETS)
 def test_every_registration_preset_gives_a_picture(scene, preset):
     frame = scene.frame(0, psf_sigma=1.0, noise_sigma=1.0, depth="stereo", calibration=True)

@@ -68,6 +68,12 @@ def test_the_cut_falls_into_the_gap_between_two_surfaces(near_share):
     assert counts[1] == (nearness > 50).sum()
 
 
+def test_the_cut_keeps_away_from_the_rims_of_a_wide_gap():
+    nearness = np.repeat(np.float32([10, 90]), 500).reshape(20, 50)
+    _, threshold, _ = layer_thresholds(nearness, 2)
+    assert 25 < threshold < 75
+
+
 @pytest.mark.parametrize("num_layers", [3, 5, 11])
 def test_the_gap_stays_a_cut_among_more_layers(num_layers):
     nearness = _two_surfaces(0.4)

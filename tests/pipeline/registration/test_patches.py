@@ -97,6 +97,19 @@ def test_a_slanted_plane_is_not_cut_and_its_slope_is_known():
     np.testing.assert_allclose(patches.planes[whole, 2], -2.0, rtol=0.1)
 
 
+def test_a_steep_plane_is_not_cut_either():
+    _, x = np.mgrid[:40, :40].astype(np.float32)
+    patches = cut_windows(np.float32(9.0) * x, **OPTIONS)
+    assert len(np.unique(patches.windows, axis=0)) == len(patches.windows)
+
+
+def test_filled_depth_may_be_written_to_whatever_came_in():
+    """Read-only input must not reach the kernels as such: each kind is compiled apart."""
+    whole = np.ones((3, 5), np.float32)
+    whole.flags.writeable = False
+    assert fill_unknown(whole).flags.writeable
+
+
 def test_three_surfaces_make_three_parts_and_no_more():
     nearness = np.full((20, 20), 10, np.float32)
     nearness[:, 6:13] = 40

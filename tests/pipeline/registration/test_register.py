@@ -263,6 +263,20 @@ def test_a_black_view_is_flagged_and_harms_no_other(small, name):
         )
 
 
+def test_a_black_first_reference_does_not_spoil_the_second(small):
+    left, right = small.scene.reference_views
+    black = _with_view(small.frame, left, luma=np.zeros((112, 160), np.float32))
+    chained = _register(black)[black.right]
+    direct = _register(black, targets=(black.right,))[black.right]
+    assert chained[left].registered.verification_map.mean() < 0.05
+    errors, alone = (
+        _errors(small, right, [found[number] for number in range(len(found))])
+        for found in (chained, direct)
+    )
+    assert np.median(errors) <= 1.2 * np.median(alone)
+    assert len(errors) >= 0.95 * len(alone)
+
+
 @pytest.mark.parametrize("depth", ["none", "unknown", "flat", "mostly unknown"])
 @pytest.mark.parametrize("number", [0, 1])
 def test_poor_depth_is_one_layer_and_no_reason_to_stop(small, depth, number):
