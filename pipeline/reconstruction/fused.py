@@ -64,11 +64,11 @@ class FusedTuning:
     """Side of the box over which its square is averaged, LR pixels."""
     alone: tuple[int, int] = (2, 8)
     """Re-weightings, and at most so many conjugate-gradient steps each: reference alone."""
-    together: tuple[int, int] = (7, 8)
+    together: tuple[int, int] = (4, 8)
     """The same for all views."""
     settled: float = 0.2
     """Share of its first residual at which a descent has come far enough."""
-    only: tuple[int, int] = (7, 8)
+    only: tuple[int, int] = (4, 8)
     """The same where the reference is the only view: as much work as for many."""
 
 

@@ -44,7 +44,7 @@ NUM_LEVELS = 5
 MATCH_WIDTH = 110
 """Sparse matches are searched at the coarsest level at least this wide, pixels."""
 
-SPACING, HALF = 10, 10
+SPACING, HALF = 13, 12
 """Distance of our windows' centres and half their side, LR pixels."""
 
 MIN_SUPPORT = 40
