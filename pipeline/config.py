@@ -107,6 +107,10 @@ class Settings:
         "bicubic", "how colour is enlarged: bicubic, or super-resolved as luma is",
         choices=("bicubic", "sr"),
     )  # fmt: skip
+    temporal: str = setting(
+        "cold", "whether a frame of a video starts from the one before it",
+        choices=("cold", "warm"),
+    )  # fmt: skip
     threads: int = setting(0, "threads of the hot loops (0: one a core)", unit="threads")
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.frames import ChromaImage, GreyImage, RegisteredView, frozen
+from pipeline.temporal.initial import StartChoice
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,6 +67,8 @@ class TargetReport:
     stop_reason: str
     residuals: tuple[float, ...]
     """RMS residual after each sweep or outer iteration, grey levels."""
+    start: StartChoice
+    """Where the reconstruction started: the previous frame's result or the reference view."""
 
 
 @dataclass(frozen=True, kw_only=True)

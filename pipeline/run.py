@@ -5,7 +5,8 @@
     reader thread ──► main thread ──► writer thread        one bounded channel each
     source.frames     superresolve     sink.write_segment
 
-A segment depends on nothing but its input frames, so that it comes out the same
+A segment depends on nothing but its input frames (and, where frames start warm, a few
+frames before it), so that it comes out the same
 whether it is computed now, after an interruption or on another machine; finished
 segments stay in the work folder until all are joined. The module prints nothing:
 it reports events.
@@ -50,7 +51,12 @@ from pipeline.sink import OutputPlan, Sink
 from pipeline.stop import StopFlag
 from pipeline.superresolve import superresolve
 from pipeline.threads import set_threads
+from pipeline.worker import Worker
 from pipeline.workfolder import WorkFolder, work_folder_of
+
+WARM_UP = 3
+"""Frames before a segment that are computed and thrown away where frames start warm, so that
+a segment comes out the same wherever it is computed and the picture does not jump there."""
 
 READ_AHEAD = 1
 """Frames that may wait to be super-resolved."""
@@ -93,6 +99,13 @@ class _ReadFrame:
     segment: Segment
     frame: MultiViewFrame
     seconds: float
+    begins: bool = False
+    """Whether a new chain begins with it."""
+
+    @property
+    def is_warm_up(self) -> bool:
+        """Whether it is a frame before its segment: computed and thrown away."""
+        return self.frame.frame_index < self.segment.start
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -360,8 +373,21 @@ def _work(
     done = num_frames - sum(len(segment) for segment in segments)
     try:
         with contextlib.suppress(ChannelClosedError):  # the writer has failed: see below
+            worker = Worker(
+                run.job.settings,
+                compute=run.tools.superresolve,
+                targets=targets,
+                observed_views=run.job.input.views,
+                keep_intermediates=run.job.output.debug_dir is not None,
+                **({} if run.psf is None else {"psf": run.psf}),
+            )
             for item in to_compute:
-                to_write.put(_compute(run, item, targets, run.job.settings))
+                if item.begins:
+                    worker.reset()
+                finished = _compute(run, item, worker)
+                if item.is_warm_up:
+                    continue
+                to_write.put(finished)
                 done += 1
                 run.on_event(
                     FrameFinished(frame_index=item.frame.frame_index, done=done, total=num_frames)
@@ -389,31 +415,37 @@ def _read(
     clock = run.tools.clock
     for segment in segments:
         begin = clock()
-        expected = segment.start
-        for frame in source.frames(segment.start, segment.stop):
+        first = _first_frame(run.job.settings, segment, source.info)
+        expected = first
+        for frame in source.frames(first, segment.stop):
             run.stop.check()
             if frame.frame_index != expected:
                 raise SceneError(f"frame {expected} is missing", path=run.job.scene)
             expected += 1
-            to_compute.put(_ReadFrame(segment=segment, frame=frame, seconds=clock() - begin))
+            to_compute.put(
+                _ReadFrame(
+                    segment=segment,
+                    frame=frame,
+                    seconds=clock() - begin,
+                    begins=frame.frame_index == first,
+                )
+            )
             begin = clock()
         if expected != segment.stop:
             raise SceneError(f"frame {expected} is missing", path=run.job.scene)
 
 
-def _compute(
-    run: _Run, item: _ReadFrame, targets: tuple[str, ...], settings: Settings
-) -> _DoneFrame:
+def _first_frame(settings: Settings, segment: Segment, info: SceneInfo) -> int:
+    """Return the frame a segment's chain begins with: the segment's own, or one to warm up."""
+    if settings.temporal == "cold":
+        return segment.start
+    return max(segment.start - WARM_UP, info.frame_indices.start)
+
+
+def _compute(run: _Run, item: _ReadFrame, worker: Worker) -> _DoneFrame:
     with run.stop.breakable():
         begin = run.tools.clock()
-        result = run.tools.superresolve(
-            item.frame,
-            settings,
-            targets=targets,
-            observed_views=run.job.input.views,
-            keep_intermediates=run.job.output.debug_dir is not None,
-            **({} if run.psf is None else {"psf": run.psf}),
-        )
+        result = worker.take(item.frame)
         seconds = run.tools.clock() - begin
     run.warn(result.report.warnings)
     return _DoneFrame(

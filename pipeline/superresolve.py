@@ -21,7 +21,7 @@ from pipeline.frames import ChromaImage, GreyImage, MultiViewFrame, RegisteredVi
 from pipeline.grid import Grid
 from pipeline.noise import estimate_noise_of_views
 from pipeline.reconstruction.coverage import phase_coverage
-from pipeline.reconstruction.fused import FusedResult, fuse, initial_estimate
+from pipeline.reconstruction.fused import FusedResult, FusedTuning, fuse, initial_estimate
 from pipeline.reconstruction.pocs import pocs
 from pipeline.reconstruction.psf import GaussianPsf, psf_axes, sampling_taps
 from pipeline.reconstruction.system import simulate
@@ -29,6 +29,7 @@ from pipeline.registration.layers import layer_labels, layer_thresholds
 from pipeline.registration.method import METHODS, Layout, RegistrationMethod
 from pipeline.registration.prepare import PreparedView
 from pipeline.registration.register import (
+    Previous,
     Thresholds,
     ViewRegistration,
     prepare_views,
@@ -43,6 +44,7 @@ from pipeline.results import (
     TargetReport,
     ViewReport,
 )
+from pipeline.temporal.initial import StartChoice, warm_estimate
 from pipeline.threads import map_threads, set_threads
 
 PICTURE_LAYERS = 11
@@ -55,6 +57,10 @@ NOTHING_NEW = 5.0
 """Phase coverage gained, per cent, below which views are said to bring nothing new."""
 
 
+WARM = FusedTuning(alone=(1, 4), together=(3, 4))
+"""Work from the previous frame's result; see :class:`FusedTuning` for that from a cold start."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Target:
     """One reconstructed reference view."""
@@ -62,6 +68,7 @@ class _Target:
     image: SuperResolvedImage
     report: TargetReport
     debug: TargetDebug | None
+    estimate: GreyImage
 
 
 def superresolve(
@@ -73,6 +80,7 @@ def superresolve(
     psf: GaussianPsf | None = None,
     keep_intermediates: bool = False,
     stop: Callable[[], bool] | None = None,
+    memory: Memory | None = None,
 ) -> FrameResult:
     """Super-resolve reference views of one frame from all (or some) of its views.
 
@@ -91,6 +99,8 @@ def superresolve(
         Whether the result carries what debug pictures need.
     stop : callable, optional
         Polled between stages and sweeps.
+    memory : Memory, optional
+        Of the chain of frames that this one goes on; it is brought up to date.
 
     Returns
     -------
@@ -124,13 +134,25 @@ def superresolve(
         psf = given_psf(settings)
     method = chosen_method(settings)
     clock.done("preparation")
-    prepared, registrations = _registered(frame, views, targets, sources, settings, method, noise)
+    starts = {
+        target: _start(memory, frame.view(target), settings.grid, noise) for target in targets
+    }
+    previous = None
+    if memory is not None and memory.previous is not None:
+        if any(choice.is_cut for _, choice in starts.values()):
+            memory.forget()
+        else:
+            previous = memory.previous
+    prepared, registrations = _registered(
+        frame, views, targets, sources, settings, method, noise, previous
+    )
     clock.done("registration")
 
     def reconstruct(target: str) -> _Target:
         return _reconstruct(
             frame, settings, psf, noise, registrations[target], frame.view(target),
             _layers_of(prepared, method) if keep_intermediates else None, stop,
+            starts[target] if previous is not None else (None, starts[target][1]),
         )  # fmt: skip
 
     results = map_threads(reconstruct, targets)
@@ -152,8 +174,56 @@ def superresolve(
         timings=clock.timings,
         warnings=(*_warnings(frame, sources), *_unused(settings, method)),
     )
+    if memory is not None:
+        memory.keep(
+            prepared, registrations,
+            {target: frame.view(target).luma for target in targets},
+            {result.image.view_id: result.estimate for result in results},
+        )  # fmt: skip
     debug = {result.image.view_id: result.debug for result in results if result.debug is not None}
     return FrameResult(frame_index=frame.frame_index, images=images, report=report, debug=debug)
+
+
+class Memory:
+    """What one frame of a chain leaves to the next; one owner, one stream."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Start a new chain: the next frame is computed on its own."""
+        self.previous: Previous | None = None
+        self._turn = 0
+        self.observed: dict[str, GreyImage] = {}
+        self.estimates: dict[str, GreyImage] = {}
+
+    def keep(
+        self,
+        prepared: dict[str, PreparedView],
+        registrations: dict[str, list[ViewRegistration]],
+        observed: dict[str, GreyImage],
+        estimates: dict[str, GreyImage],
+    ) -> None:
+        """Remember a frame that is done."""
+        self._turn += 1
+        self.previous = Previous(prepared=prepared, registrations=registrations, turn=self._turn)
+        self.observed, self.estimates = observed, estimates
+
+
+def _start(
+    memory: Memory | None, view: View, grid: Grid, noise: float
+) -> tuple[GreyImage | None, StartChoice]:
+    """Return the estimate that a reference view starts from, None where that is the cold one."""
+    cold = StartChoice(warm_share=0.0, is_cut=False)
+    if memory is None or view.view_id not in memory.estimates:
+        return None, cold
+    before = memory.observed[view.view_id]
+    if before.shape != view.luma.shape:
+        return None, replace(cold, is_cut=True)
+    return warm_estimate(
+        view.luma, before, memory.estimates[view.view_id],
+        initial_estimate(view.luma, grid), grid, noise,
+    )  # fmt: skip
 
 
 class _Stages:
@@ -207,13 +277,16 @@ def _registered(
     settings: Settings,
     method: RegistrationMethod,
     noise: float,
+    previous: Previous | None,
 ) -> tuple[dict[str, PreparedView], dict[str, list[ViewRegistration]]]:
     prepared = prepare_views(views, metric=frame.depth_is_metric)
     thresholds = Thresholds(
         weight=settings.weight_threshold or default_weight_threshold(noise),
         depth=settings.depth_threshold,
     )
-    found = register_views(prepared, targets, sources, method, noise=noise, thresholds=thresholds)
+    found = register_views(
+        prepared, targets, sources, method, noise=noise, thresholds=thresholds, previous=previous
+    )
     return prepared, found
 
 
@@ -226,12 +299,15 @@ def _reconstruct(
     reference: View,
     layers: dict[str, npt.NDArray[np.int32]] | None,
     stop: Callable[[], bool] | None,
+    start: tuple[GreyImage | None, StartChoice],
 ) -> _Target:
     """Return one reference view reconstructed from the views registered onto it."""
     grid = settings.grid
     registered = [registration.registered for registration in registrations]
     lr_shape = reference.luma.shape
-    solved = _solve(settings, psf, noise, registered, grid, (lr_shape[0], lr_shape[1]), stop)
+    solved = _solve(
+        settings, psf, noise, registered, grid, (lr_shape[0], lr_shape[1]), stop, start[0]
+    )
     if stop is not None and stop():
         raise Interrupted
     trusted = [flags == 0 for flags in solved.flags]
@@ -257,6 +333,7 @@ def _reconstruct(
         iterations=solved.iterations,
         stop_reason=solved.stop_reason,
         residuals=solved.residuals,
+        start=start[1],
     )
     debug = None
     if layers is not None:
@@ -275,7 +352,7 @@ def _reconstruct(
             contribution_count=solved.density,
         )
     image = SuperResolvedImage(view_id=reference.view_id, luma=np.clip(solved.estimate, 0.0, 255.0))
-    return _Target(image=image, report=report, debug=debug)
+    return _Target(image=image, report=report, debug=debug, estimate=solved.estimate)
 
 
 def _solve(
@@ -286,6 +363,7 @@ def _solve(
     grid: Grid,
     lr_shape: tuple[int, int],
     stop: Callable[[], bool] | None,
+    start: GreyImage | None,
 ) -> FusedResult:
     """Run the chosen solver; a POCS result is brought into the same form."""
     residual_threshold = settings.residual_threshold or default_residual_threshold(noise)
@@ -293,12 +371,14 @@ def _solve(
         return fuse(
             registered, grid, lr_shape, psf,
             noise=noise, residual_threshold=residual_threshold, stop=stop,
+            start=start, tuning=None if start is None else WARM,
         )  # fmt: skip
     own = next(view for view in registered if view.is_reference)
     shape = grid.hr_shape(lr_shape)
     bound = 2 * noise if settings.residual_bound is None else settings.residual_bound
     swept = pocs(
-        registered, grid, shape, *psf_axes(psf, grid), initial_estimate(own.observed, grid),
+        registered, grid, shape, *psf_axes(psf, grid),
+        initial_estimate(own.observed, grid) if start is None else start,
         sweeps=settings.sweeps, residual_bound=bound, residual_threshold=residual_threshold,
         simplified=settings.solver == Solver.POCS_SIMPLIFIED, stop=stop,
     )  # fmt: skip

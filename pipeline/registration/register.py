@@ -8,7 +8,7 @@ their refined depth, and views reach a second reference through the first.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -99,6 +99,20 @@ class Thresholds:
     """T_D, fraction of the scene's depth range."""
 
 
+Changed = npt.NDArray[np.bool_]
+"""(H, W): pixels of a view that are not what they were in the previous frame."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Previous:
+    """What the previous frame leaves to the registration of the next."""
+
+    prepared: Mapping[str, PreparedView]
+    registrations: Mapping[str, Sequence[ViewRegistration]]
+    turn: int
+    """Frames since the chain began: says which windows are checked for drift now."""
+
+
 def prepare_views(views: Sequence[View], *, metric: bool) -> dict[str, PreparedView]:
     """Return every view prepared for registration, by view id."""
     prepared = map_threads(lambda view: prepare(view, NUM_LEVELS, metric=metric), views)
@@ -113,6 +127,7 @@ def register_views(
     *,
     noise: float,
     thresholds: Thresholds,
+    previous: Previous | None = None,
 ) -> dict[str, list[ViewRegistration]]:
     """Return, for each target, every source view registered onto it, in the order of sources.
 
@@ -124,7 +139,11 @@ def register_views(
         A target that is among the sources appears as its own, unmoved observation.
     noise : float
         Standard deviation, grey levels.
+    previous : Previous, optional
+        The previous frame: what has not changed since then keeps its motion.
     """
+    if previous is not None and method.layout is Layout.WINDOWS and method.refine:
+        return _register_again(prepared, targets, sources, method, noise, thresholds, previous)
     first, *others = targets
     chained = method.layout is Layout.WINDOWS and method.refine
     wanted = list(sources)
@@ -178,6 +197,7 @@ def register_view(
     noise: float,
     thresholds: Thresholds,
     through: tuple[ViewRegistration, ViewRegistration] | None = None,
+    before: tuple[ViewRegistration, Changed, Changed] | None = None,
 ) -> ViewRegistration:
     """Return one view registered onto one reference.
 
@@ -185,6 +205,8 @@ def register_view(
     ----------
     through : (source onto another reference, that reference onto this one), optional
         Where given, motions start from the composition of the two.
+    before : (registration, changed in source, changed in reference), optional
+        The same two views in the previous frame, and what has changed in each since then.
     """
     if source.view.view_id == reference.view.view_id:
         return _onto_itself(source)
@@ -192,7 +214,10 @@ def register_view(
     if method.layout is Layout.STRIPS:
         fitted, patch_labels, position, offset = _register_strips(source, reference, method, noise)
     else:
-        fitted, parallax = _register_windows(source, reference, method, noise, through)
+        again = (
+            None if before is None else _refit_changed(source, reference, method, noise, *before)
+        )
+        fitted, parallax = again or _register_windows(source, reference, method, noise, through)
         patch_labels, position, offset = _land(source, reference, fitted, parallax, noise, method)
     weights = registration_weights(reference.raw_coefficients, position, source.view.luma, offset)
     depth_range = max(source.depth_range, reference.depth_range)
@@ -460,6 +485,207 @@ def _land(
         fitted.patches.windows, fitted.motion, usable, best, AGREEMENT, position, offset
     )
     return best, position, offset
+
+
+# --- ours: from the previous frame -----------------------------------------------------------
+
+CHANGE_BOX = 5
+"""Side of the box over which the difference of two frames is judged, LR pixels."""
+
+CHANGE = 1.5
+"""Difference of the smoothed pictures beside the noise that counts as a change, grey levels."""
+
+CHECK_EVERY = 16
+"""Frames in which every window that seems to stand still is fitted anew once."""
+
+DRIFTED = 0.3
+"""Median displacement of the windows checked beyond which all is registered anew, LR pixels."""
+
+
+def changed_pixels(now: PreparedView, before: PreparedView, noise: float) -> Changed:
+    """Return which pixels have changed between two frames of a view, in picture or in depth."""
+    fine, old = now.levels[0], before.levels[0]
+    if fine.image.shape != old.image.shape:
+        return np.ones(fine.image.shape, bool)
+    box = (CHANGE_BOX, CHANGE_BOX)
+    difference = fine.image - old.image
+    local = cv2.blur(difference * difference, box, borderType=cv2.BORDER_REFLECT)
+    # the smoothing before registration lets about a sixth of the noise's power through
+    changed = local > 2 * 2.5 * noise**2 / 6 + CHANGE**2
+    depth = np.abs(fine.nearness - old.nearness)
+    changed |= cv2.blur(depth, box, borderType=cv2.BORDER_REFLECT) > 0.05 * now.depth_range
+    return changed
+
+
+def _register_again(
+    prepared: dict[str, PreparedView],
+    targets: Sequence[str],
+    sources: Sequence[str],
+    method: RegistrationMethod,
+    noise: float,
+    thresholds: Thresholds,
+    previous: Previous,
+) -> dict[str, list[ViewRegistration]]:
+    """Register the views of a frame onto its references, starting from the previous frame."""
+    names = list(dict.fromkeys((*targets, *sources)))
+    changed = dict(
+        zip(
+            names,
+            map_threads(
+                lambda name: changed_pixels(prepared[name], previous.prepared[name], noise), names
+            ),
+            strict=True,
+        )
+    )
+    for name in names:
+        changed[name] |= _due_for_a_check(changed[name].shape, previous.turn)
+    old = {
+        (target, registration.registered.view_id): registration
+        for target in targets
+        for registration in previous.registrations[target]
+    }
+    tasks = [(target, source) for target in targets for source in sources]
+
+    def again(task: tuple[str, str]) -> ViewRegistration:
+        target, source = task
+        return register_view(
+            prepared[source], prepared[target], method, noise=noise, thresholds=thresholds,
+            before=(old[task], changed[source], changed[target]),
+        )  # fmt: skip
+
+    result: dict[str, list[ViewRegistration]] = {}
+    for (target, _), registration in zip(tasks, map_threads(again, tasks), strict=True):
+        result.setdefault(target, []).append(registration)
+    return result
+
+
+def _due_for_a_check(shape: tuple[int, ...], turn: int) -> Changed:
+    """Return a few spots as if they had changed, others each frame: no drift stays unseen."""
+    due = np.zeros(shape, bool)
+    pitch = 4 * SPACING
+    due[pitch * (turn % 4) // 4 :: pitch, pitch * (turn // 4 % 4) // 4 :: pitch] = True
+    return due
+
+
+def _refit_changed(
+    source: PreparedView,
+    reference: PreparedView,
+    method: RegistrationMethod,
+    noise: float,
+    before: ViewRegistration,
+    changed: Changed,
+    reference_changed: Changed,
+) -> tuple[FittedMotions, ParallaxMotion] | None:
+    """Return the motions of the previous frame, fitted anew where something has changed.
+
+    None where the rig itself seems to have moved: windows that look the same have drifted.
+    """
+    old, parallax = before.motions, before.parallax
+    if old is None or parallax is None:
+        return None
+    good = (old.status == FITTED) & (old.reliable > 0.5)
+    if good.sum() < FEWEST_PATCHES:
+        return None
+    scale = _pixels_per_nearness(source, parallax)
+    cut = cut_windows(
+        source.levels[0].nearness,
+        spacing=SPACING,
+        half=HALF,
+        tolerance=PLANE_TOLERANCE / scale if scale > 0 and source.depth_range > 0 else float("inf"),
+        min_support=MIN_SUPPORT,
+    )
+    shift = np.column_stack([old.motion[:, [0, 6]]] * 2).round().astype(np.int32)
+    dirty = _any_inside(changed, old.patches.windows)
+    dirty |= _any_inside(reference_changed, old.patches.windows + shift)
+    keys = _window_keys(old.patches.windows)
+    stale = np.unique(keys[dirty])
+    keep = ~np.isin(keys, stale)
+    fresh = ~np.isin(_window_keys(cut.windows), keys[keep])
+    kept = _select_motions(old, keep)
+    if not fresh.any():
+        return kept, parallax
+    patches = _select(cut, fresh)
+    directions = motions.parallax_directions(patches, parallax)
+    offset = float(np.median(old.motion[good, motions.OFFSET]))
+    start = motions.from_parallax(patches, parallax)
+    start[:, motions.OFFSET] = offset
+    refitted = start
+    for passes, along, linear in ((COARSE_PASSES, 2.0, 4.0), (FINE_PASSES, 1.0, 50.0)):
+        prior = FitPrior(
+            along=along, across=0.1, linear=linear, quadratic=16.0,
+            offset_mean=offset, offset_sigma=2.0,
+        )  # fmt: skip
+        found = motions.fit_motions(
+            source, reference, patches, refitted, passes, prior, directions,
+            model=method.model, noise=noise, min_support=MIN_SUPPORT,
+        )  # fmt: skip
+        refitted = found.motion
+    if _drifted(old, found):
+        return None
+    return _joined(kept, found), parallax
+
+
+def _drifted(old: FittedMotions, found: FittedMotions) -> bool:
+    """Return whether windows of one surface, fitted in both frames, moved for the most part."""
+    before, keys = _window_keys(old.patches.windows), _window_keys(found.patches.windows)
+    common, first, second = np.intersect1d(before, keys, return_indices=True)
+    sure = (old.status[first] == FITTED) & (found.status[second] == FITTED)
+    sure &= (old.reliable[first] > 0.5) & (found.reliable[second] > 0.5)
+    if common.size < FEWEST_PATCHES or not sure.any():
+        return False
+    away = old.motion[first][:, [0, 6]] - found.motion[second][:, [0, 6]]
+    return float(np.median(np.linalg.norm(away[sure], axis=1))) > DRIFTED
+
+
+def _window_keys(windows: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+    """Return a number (P,) for each window's place."""
+    return (windows[:, 1].astype(np.int64) + windows[:, 3]) << 24 | (windows[:, 0] + windows[:, 2])
+
+
+def _any_inside(
+    mask: npt.NDArray[np.bool_], windows: npt.NDArray[np.int32]
+) -> npt.NDArray[np.bool_]:
+    """Return, for each window (x0, y0, x1, y1), whether the mask holds anywhere in it."""
+    height, width = mask.shape
+    counts = cv2.integral(mask.astype(np.uint8))
+    x0, x1 = (np.clip(windows[:, side], 0, width) for side in (0, 2))
+    y0, y1 = (np.clip(windows[:, side], 0, height) for side in (1, 3))
+    return counts[y1, x1] - counts[y0, x1] - counts[y1, x0] + counts[y0, x0] > 0
+
+
+def _select(patches: Patches, chosen: npt.NDArray) -> Patches:
+    return Patches(
+        windows=patches.windows[chosen], ranges=patches.ranges[chosen],
+        planes=patches.planes[chosen], support=patches.support[chosen],
+    )  # fmt: skip
+
+
+def _select_motions(fitted: FittedMotions, chosen: npt.NDArray) -> FittedMotions:
+    return FittedMotions(
+        patches=_select(fitted.patches, chosen), motion=fitted.motion[chosen],
+        status=fitted.status[chosen], scale=fitted.scale[chosen], reliable=fitted.reliable[chosen],
+    )  # fmt: skip
+
+
+def _joined(first: FittedMotions, second: FittedMotions) -> FittedMotions:
+    """Return the patches of both, ordered by window as if they had been cut together."""
+
+    def both(name: str, of: Callable = lambda item: item) -> npt.NDArray:
+        return np.concatenate([getattr(of(first), name), getattr(of(second), name)])
+
+    def cut(item: FittedMotions) -> Patches:
+        return item.patches
+
+    together = FittedMotions(
+        patches=Patches(
+            windows=both("windows", cut), ranges=both("ranges", cut),
+            planes=both("planes", cut), support=both("support", cut),
+        ),
+        motion=both("motion"), status=both("status"), scale=both("scale"),
+        reliable=both("reliable"),
+    )  # fmt: skip
+    order = np.lexsort((together.patches.ranges[:, 0], _window_keys(together.patches.windows)))
+    return _select_motions(together, order)
 
 
 # --- the thesis': layers and strips ----------------------------------------------------------

@@ -20,6 +20,7 @@ from pipeline.report import (
     versions,
 )
 from pipeline.results import FrameReport, TargetReport, ViewReport
+from pipeline.temporal.initial import StartChoice
 
 VIEW = ViewReport(
     view_id="cam1",
@@ -36,6 +37,7 @@ def test_everything_of_a_frame_report_is_there_and_nan_is_null():
     target = TargetReport(
         view_id="cam0", views=(VIEW,), phase_coverage=100.0, phase_coverage_reference=25.0,
         remark="", solver="fused", iterations=4, stop_reason="converged", residuals=(2.0, 1.0),
+        start=StartChoice(warm_share=0.0, is_cut=False),
     )  # fmt: skip
     report = FrameReport(
         frame_index=3, noise_sigma=2.0, noise_is_estimated=True, psf_sigma=1.0, psf_support=7,

@@ -1,0 +1,159 @@
+"""Where a frame's reconstruction starts: the previous frame's result, moved block by block.
+
+Thesis, "Extension to Temporal SR". Motion is by whole LR pixels and is searched only where
+a block has changed; a block that nothing in the previous frame explains starts cold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from pipeline.frames import GreyImage
+from pipeline.grid import Grid
+
+BLOCK = 8
+"""Side of a block, LR pixels."""
+
+REACH = 7
+"""Farthest motion that is searched, LR pixels along each axis."""
+
+TOLERATED = 3.0
+"""Grey levels by which a matched pixel may differ beside the noise."""
+
+CUT = 0.35
+"""Share of matched blocks below which the whole frame starts cold: a cut, or a flash."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartChoice:
+    """How a frame's reconstruction started."""
+
+    warm_share: float
+    """Share of blocks that start from the previous result, 0..1."""
+    is_cut: bool
+    """Whether too few blocks matched, so that the whole frame starts cold."""
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _match(now, before, reach, block, limit, motion, matched):
+    """Fill each block's motion (x, y) and whether it holds; the shortest motion that does wins."""
+    height, width = now.shape
+    for row in range(matched.shape[0]):
+        for column in range(matched.shape[1]):
+            y0, x0 = row * block, column * block
+            y1, x1 = min(y0 + block, height), min(x0 + block, width)
+            bound = limit * (y1 - y0) * (x1 - x0)
+            best = np.inf
+            for dy in range(-reach, reach + 1):
+                for dx in range(-reach, reach + 1):
+                    # the block that stood still is tried first
+                    v = 0 if dy == -reach and dx == -reach else dy
+                    u = 0 if dy == -reach and dx == -reach else dx
+                    if y0 + v < 0 or x0 + u < 0 or y1 + v > height or x1 + u > width:
+                        continue
+                    total = 0.0
+                    for y in range(y0, y1):
+                        for x in range(x0, x1):
+                            away = now[y, x] - before[y + v, x + u]
+                            total += away * away
+                        if total >= best:
+                            break
+                    if total < best:
+                        best = total
+                        motion[row, column, 0], motion[row, column, 1] = u, v
+                    if best <= bound:
+                        break
+                if best <= bound:
+                    break
+            matched[row, column] = best <= bound
+
+
+def matched_blocks(
+    now: GreyImage, before: GreyImage, noise: float
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
+    """Return each block's motion to the previous picture, and whether the match may be believed.
+
+    Parameters
+    ----------
+    now, before : (H, W) float32
+        LR pictures of one view.
+    noise : float
+        Standard deviation, grey levels.
+
+    Returns
+    -------
+    motion : (R, C, 2) int32
+        (x, y) by which a block's pixels are found in ``before``, LR pixels.
+    matched : (R, C) bool
+        False also where only a part of the block disagrees: a small thing that moves.
+    """
+    height, width = now.shape
+    rows, columns = -(-height // BLOCK), -(-width // BLOCK)
+    motion = np.zeros((rows, columns, 2), np.int32)
+    matched = np.zeros((rows, columns), np.bool_)
+    variance = 2 * noise**2
+    limit = 1.5 * variance + TOLERATED**2
+    _match(now, before, REACH, BLOCK, limit, motion, matched)
+    x, y = _sources(motion, (height, width), 1, 1)
+    away = now - before[y, x]
+    # what does not match starts cold already and must not spoil its neighbours
+    away[~_spread(matched, (height, width), 1, 1)] = 0
+    local = cv2.blur(away * away, (3, 3), borderType=cv2.BORDER_REFLECT)
+    bad = local > 2.5 * variance + 2 * TOLERATED**2
+    padded = np.zeros((rows * BLOCK, columns * BLOCK), bool)
+    padded[:height, :width] = bad
+    matched &= ~padded.reshape(rows, BLOCK, columns, BLOCK).any(axis=(1, 3))
+    return motion, matched
+
+
+def _spread(
+    values: npt.NDArray, shape: tuple[int, int], factor_x: int, factor_y: int
+) -> npt.NDArray:
+    """Return the value of each pixel's block, (H, W), of a picture so many times finer than LR."""
+    rows = np.repeat(values, BLOCK * factor_y, axis=0)
+    return np.repeat(rows, BLOCK * factor_x, axis=1)[: shape[0], : shape[1]]
+
+
+def _sources(
+    motion: npt.NDArray[np.int32], shape: tuple[int, int], factor_x: int, factor_y: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return where each pixel of a picture of ``shape`` came from: columns and rows, (H, W)."""
+    height, width = shape
+    u = _spread(motion[..., 0] * factor_x, shape, factor_x, factor_y)
+    v = _spread(motion[..., 1] * factor_y, shape, factor_x, factor_y)
+    x = np.arange(width)[None, :] + u
+    y = np.arange(height)[:, None] + v
+    return np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+
+
+def warm_estimate(
+    now: GreyImage,
+    before: GreyImage,
+    previous: npt.NDArray[np.float32],
+    cold: npt.NDArray[np.float32],
+    grid: Grid,
+    noise: float,
+) -> tuple[npt.NDArray[np.float32] | None, StartChoice]:
+    """Return the estimate a reconstruction starts from, None where it must start cold.
+
+    Parameters
+    ----------
+    now, before : (H, W) float32
+        The reference view in this frame and in the previous one.
+    previous, cold : (K·H, K·W) float32
+        The previous frame's result, and the cold start of this one.
+    """
+    motion, matched = matched_blocks(now, before, noise)
+    share = float(matched.mean())
+    if share < CUT:
+        return None, StartChoice(warm_share=0.0, is_cut=True)
+    across, down = grid.magnification_x, grid.magnification_y
+    height, width = previous.shape
+    x, y = _sources(motion, (height, width), across, down)
+    take = _spread(matched, (height, width), across, down)
+    return np.where(take, previous[y, x], cold), StartChoice(warm_share=share, is_cut=False)

@@ -1,0 +1,96 @@
+"""A chain of frames: cheaper than so many stills, never worse, the same every time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.config import Settings
+from pipeline.synthetic import SampleScene
+from pipeline.temporal.initial import matched_blocks
+from pipeline.worker import Worker
+
+NOISE = 2.0
+SCENE = SampleScene(width=128, height=96, num_views=4)
+TARGETS = tuple(SCENE.view_ids[number] for number in SCENE.reference_views)
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return [SCENE.frame(number, noise_sigma=NOISE) for number in range(4)]
+
+
+def _worker(temporal, **others):
+    settings = Settings(
+        psf_sigma=1.0, noise_sigma=NOISE, sampling="decimation", temporal=temporal, **others
+    )
+    return Worker(settings, targets=TARGETS)
+
+
+def _psnr(result, truth):
+    view_id, picture = truth
+    error = result.images[view_id].luma[8:-8, 8:-8] - picture[8:-8, 8:-8]
+    return 10 * np.log10(255**2 / np.mean(error**2))
+
+
+def _truth(number):
+    picture = SCENE.render_hr(SCENE.reference_views[0], number / SCENE.fps)
+    return TARGETS[0], cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+
+
+def test_warm_frames_take_fewer_iterations_and_are_no_worse(frames):
+    warm, cold = _worker("warm"), _worker("cold")
+    for number, frame in enumerate(frames):
+        ours, other = warm.take(frame), cold.take(frame)
+        assert _psnr(ours, _truth(number)) > _psnr(other, _truth(number)) - 0.05
+        if number:
+            for here, there in zip(ours.report.targets, other.report.targets, strict=True):
+                assert here.start.warm_share > 0.35
+                assert here.iterations <= there.iterations / 2
+
+
+@pytest.mark.parametrize("change", ["cut", "flash"])
+def test_a_frame_that_has_nothing_of_the_one_before_is_computed_cold(frames, change):
+    def other(view):
+        luma = view.luma[::-1, ::-1].copy() if change == "cut" else np.minimum(view.luma + 60, 255)
+        depth = view.depth_map[::-1, ::-1].copy() if change == "cut" else view.depth_map
+        return replace(view, luma=luma, depth_map=depth)
+
+    after = replace(frames[1], views=tuple(other(view) for view in frames[1].views))
+    warm = _worker("warm")
+    warm.take(frames[0])
+    ours, alone = warm.take(after), _worker("cold").take(after)
+    for target in TARGETS:
+        assert np.array_equal(ours.images[target].luma, alone.images[target].luma)
+    assert all(target.start.is_cut for target in ours.report.targets)
+
+
+def test_a_small_fast_thing_is_not_shown_where_it_was():
+    chance = np.random.default_rng(0)
+    ground = cv2.GaussianBlur(chance.uniform(0, 255, (64, 64)).astype(np.float32), (0, 0), 1.5)
+    before, now = ground.copy(), ground.copy()
+    before[30:34, 10:14] = 255
+    now[30:34, 50:54] = 255
+    _, matched = matched_blocks(now, before, 0.0)
+    assert not matched[30 // 8, 10 // 8]
+    assert not matched[30 // 8, 50 // 8]
+    assert matched.mean() > 0.85
+
+
+def test_whole_pixel_motion_is_found():
+    chance = np.random.default_rng(1)
+    before = cv2.GaussianBlur(chance.uniform(0, 255, (64, 96)).astype(np.float32), (0, 0), 1.0)
+    motion, matched = matched_blocks(np.roll(before, (2, -3), (0, 1)), before, 0.0)
+    assert matched[1:-1, 1:-1].all()
+    assert (motion[1:-1, 1:-1] == [3, -2]).all()
+
+
+def test_the_same_frames_give_the_same_bits_whatever_the_threads(frames):
+    results = []
+    for threads in (1, 2):
+        worker = _worker("warm", threads=threads)
+        results.append([worker.take(frame).images[TARGETS[0]].luma for frame in frames[:3]])
+    assert all(np.array_equal(one, two) for one, two in zip(*results, strict=True))
