@@ -1,0 +1,155 @@
+"""The settings of the service, from a file, the environment and flags, each with its origin.
+
+Later wins: default, file (YAML or JSON), ``DEPTHSR_<NAME>`` of the environment, flag. The
+variables are DEPTHSR_HOST, DEPTHSR_PORT, DEPTHSR_DATA, DEPTHSR_ROOTS, DEPTHSR_TOKEN_FILE,
+DEPTHSR_WORKERS and so on: the name of the field in capitals.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.config import option_name, setting
+from pipeline.errors import ConfigurationError
+
+MIB = 1 << 20
+PREFIX = "DEPTHSR_"
+"""Of the variables that are read."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceConfig:
+    """Everything ``depthsr serve`` can be told."""
+
+    host: str = setting("127.0.0.1", "address to listen on")
+    port: int = setting(8000, "port to listen on; 0 takes a free one")
+    data: Path = setting(Path("depthsr-data"), "folder of the database, uploads and results")
+    roots: tuple[Path, ...] = setting(
+        (), "folders that scenes may be named in, comma-separated", unit="folders"
+    )
+    token_file: Path | None = setting(
+        None, "file of bearer tokens, a line each: NAME SCOPE,SCOPE TOKEN (default: no tokens)"
+    )
+    workers: int = setting(1, "jobs computed at the same time", unit="processes")
+    worker_threads: int = setting(0, "threads of a worker (0: the job's)", unit="threads")
+    worker_memory: int = setting(16384, "address space of a worker (0: no limit)", unit="MiB")
+    max_attempts: int = setting(3, "times a job is tried when its worker dies", unit="attempts")
+    lease: float = setting(30.0, "silence after which a worker counts as hung", unit="seconds")
+    stall: float = setting(900.0, "time without progress after which it does", unit="seconds")
+    max_body: int = setting(4096, "largest request body", unit="MiB")
+    max_files: int = setting(10_000, "largest number of files of a job", unit="files")
+    max_pixels: int = setting(1 << 25, "largest picture of one view", unit="pixels")
+    max_frames: int = setting(100_000, "largest number of frames of a job", unit="frames")
+    max_queue: int = setting(1000, "unfinished jobs of one client", unit="jobs")
+    quota: int = setting(102_400, "largest size of the data folder", unit="MiB")
+    disk_reserve: int = setting(256, "disk space to leave free", unit="MiB")
+    grace: float = setting(5.0, "time for an orderly end", unit="seconds")
+    log_level: str = setting(
+        "info", "least severe log lines", choices=("debug", "info", "warning", "error")
+    )
+
+    def __post_init__(self) -> None:
+        limits = {
+            "port": (0, 65535), "workers": (0, 256), "worker_threads": (0, 256),
+            "worker_memory": (0, 1 << 24), "max_attempts": (1, 100), "lease": (1, 3600),
+            "stall": (1, 86400), "max_body": (1, 1 << 24), "max_files": (1, 1_000_000),
+            "max_pixels": (1, 1 << 30), "max_frames": (1, 10_000_000), "max_queue": (1, 1_000_000),
+            "quota": (1, 1 << 30), "disk_reserve": (0, 1 << 24), "grace": (0.1, 600),
+        }  # fmt: skip
+        for name, (least, most) in limits.items():
+            if not least <= getattr(self, name) <= most:
+                raise ConfigurationError(
+                    f"{option_name(name)}: must be {least} to {most}, not {getattr(self, name)}"
+                )
+        if self.log_level not in ("debug", "info", "warning", "error"):
+            raise ConfigurationError(f"--log-level: {self.log_level!r} is not a level")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedConfig:
+    """The settings, and where each came from."""
+
+    config: ServiceConfig
+    origins: Mapping[str, str]
+    """``default``, ``file PATH``, ``environment NAME`` or ``flag --name`` by field."""
+
+
+def load_config(
+    *,
+    file: Path | None = None,
+    environment: Mapping[str, str] | None = None,
+    flags: Mapping[str, Any] | None = None,
+) -> LoadedConfig:
+    """Return the settings put together from everything that may say something.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, names an unknown setting, or a value is out of range.
+    """
+    environment = environment or {}
+    fields = {item.name for item in dataclasses.fields(ServiceConfig)}
+    values: dict[str, Any] = {}
+    origins = dict.fromkeys(fields, "default")
+    if file is not None:
+        for name, value in _read(file).items():
+            if name not in fields:
+                raise ConfigurationError(f"{file}: there is no setting {name!r}")
+            values[name] = _value(name, value, f"{file}: {name}")
+            origins[name] = f"file {file}"
+    for name in fields:
+        variable = PREFIX + name.upper()
+        if variable in environment:
+            values[name] = _value(name, environment[variable], variable)
+            origins[name] = f"environment {variable}"
+    for name, value in (flags or {}).items():
+        values[name] = _value(name, value, option_name(name))
+        origins[name] = f"flag {option_name(name)}"
+    return LoadedConfig(config=ServiceConfig(**values), origins=origins)
+
+
+def format_config(loaded: LoadedConfig) -> str:
+    """Return a line for each setting: its name, value and origin."""
+    rows = []
+    for item in dataclasses.fields(ServiceConfig):
+        value = getattr(loaded.config, item.name)
+        shown = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+        rows.append((item.name, shown, loaded.origins[item.name]))
+    widths = [max(len(row[column]) for row in rows) for column in range(2)]
+    return "\n".join(f"{name:<{widths[0]}}  {v:<{widths[1]}}  {o}" for name, v, o in rows)
+
+
+def _read(file: Path) -> dict[str, Any]:
+    import yaml
+
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise ConfigurationError(f"{file}: cannot be read: {error}") from error
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise ConfigurationError(f"{file}: must hold settings by name")
+    return content
+
+
+def _value(name: str, value: Any, where: str) -> Any:
+    """Return the value in the type of the field."""
+    hint = typing.get_type_hints(ServiceConfig)[name]
+    if isinstance(hint, types.UnionType):
+        if value is None or value == "":
+            return None
+        hint = next(part for part in typing.get_args(hint) if part is not type(None))
+    try:
+        if typing.get_origin(hint) is tuple:
+            parts = value.split(",") if isinstance(value, str) else value
+            return tuple(Path(part) for part in parts if str(part))
+        return hint(value)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"{where}: {value!r} is not a {hint.__name__}") from error

@@ -1,0 +1,162 @@
+"""Every problem that HTTP clients may meet, in one table (RFC 9457)."""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+from dataclasses import dataclass
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict
+from starlette.exceptions import HTTPException
+
+from pipeline.errors import PipelineError
+
+log = logging.getLogger(__name__)
+
+MEDIA_TYPE = "application/problem+json"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of problem."""
+
+    status: int
+    title: str
+
+
+KINDS = {
+    "bad-request": Kind(400, "The request cannot be understood"),
+    "unauthorized": Kind(401, "A bearer token is needed"),
+    "forbidden": Kind(403, "The token does not allow this"),
+    "not-found": Kind(404, "There is no such thing"),
+    "method-not-allowed": Kind(405, "The resource does not know this method"),
+    "conflict": Kind(409, "The state does not allow this"),
+    "in-progress": Kind(409, "The same request is being worked on"),
+    "gone": Kind(410, "The thing is no more"),
+    "precondition-failed": Kind(412, "A needed header is missing or has another value"),
+    "too-large": Kind(413, "The body is larger than allowed"),
+    "unsupported-media-type": Kind(415, "The body has a type that is not read here"),
+    "range-not-satisfiable": Kind(416, "The file has no such bytes"),
+    "invalid": Kind(422, "The request says something that cannot be done"),
+    "configuration-error": Kind(422, "A setting is out of range, or contradicts another"),
+    "scene-error": Kind(422, "The scene cannot be read"),
+    "key-reused": Kind(422, "The idempotency key belongs to another request"),
+    "too-many": Kind(429, "Too many unfinished jobs"),
+    "internal": Kind(500, "The service has a fault"),
+    "output-error": Kind(507, "The result cannot be written"),
+    "disk-full": Kind(507, "No space is left for this"),
+    "worker-lost": Kind(500, "The worker died or hung at every attempt"),
+    "memory-limit": Kind(507, "The job needs more memory than a worker may have"),
+    "unavailable": Kind(503, "The service cannot do this now"),
+}
+"""By the last part of the problem's ``type``."""
+
+
+class Problem(BaseModel):
+    """What went wrong (RFC 9457)."""
+
+    model_config = ConfigDict(extra="allow")
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    instance: str | None = None
+
+
+class ProblemError(Exception):
+    """Answered to the client as a problem."""
+
+    def __init__(
+        self, kind: str, detail: str, *, headers: dict[str, str] | None = None, **more: Any
+    ) -> None:
+        super().__init__(detail)
+        self.kind, self.detail, self.headers, self.more = kind, detail, headers, more
+
+
+def problem(kind: str, detail: str, **more: Any) -> dict[str, Any]:
+    """Return the members of a problem of a kind of the table."""
+    known = KINDS.get(kind, KINDS["internal"])
+    return {
+        "type": f"urn:depthsr:problem:{kind}",
+        "title": known.title,
+        "status": known.status,
+        "detail": detail,
+        **more,
+    }
+
+
+def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Return the declaration of problem answers for OpenAPI."""
+    titles: dict[int, list[str]] = {}
+    for kind in KINDS.values():
+        titles.setdefault(kind.status, []).append(kind.title)
+    schema = {"schema": {"$ref": "#/components/schemas/Problem"}}
+    return {
+        status: {
+            "description": "; or: ".join(titles.get(status, ["Problem"])),
+            "content": {MEDIA_TYPE: schema},
+        }
+        for status in statuses
+    }
+
+
+def answer(
+    kind: str, detail: str, *, path: str, headers: dict[str, str] | None = None, **more: Any
+) -> JSONResponse:
+    """Return the HTTP answer of a problem."""
+    content = problem(kind, detail, instance=path, **more)
+    return JSONResponse(
+        content, status_code=content["status"], headers=headers, media_type=MEDIA_TYPE
+    )
+
+
+def add_handlers(app: FastAPI) -> None:
+    """Make every error of the application a problem."""
+
+    async def ours(request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, ProblemError)
+        return answer(
+            error.kind, error.detail, path=request.url.path, headers=error.headers, **error.more
+        )
+
+    async def theirs(request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, HTTPException)
+        kind = next(
+            (name for name, kind in KINDS.items() if kind.status == error.status_code), "bad-request"
+        )
+        headers = dict(error.headers or {})
+        return answer(kind, str(error.detail), path=request.url.path, headers=headers)
+
+    async def invalid(request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, RequestValidationError)
+        errors = [
+            {"at": "/".join(map(str, item["loc"])), "says": item["msg"]} for item in error.errors()
+        ]
+        said = "; ".join(f"{item['at']}: {item['says']}" for item in errors[:3])
+        return answer("invalid", said, path=request.url.path, errors=errors[:20])
+
+    async def of_pipeline(request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, PipelineError)
+        return answer(error.code, str(error), path=request.url.path)
+
+    async def of_disk(request: Request, error: Exception) -> JSONResponse:
+        log.warning("storage: %s", error)
+        if isinstance(error, OSError) and error.errno not in (28, 122):  # ENOSPC, EDQUOT
+            return answer("internal", "a file cannot be read or written", path=request.url.path)
+        return answer("disk-full", "the disk cannot take more", path=request.url.path)
+
+    async def fault(request: Request, error: Exception) -> JSONResponse:
+        return answer("internal", "see the service's log", path=request.url.path)
+
+    app.add_exception_handler(ProblemError, ours)
+    app.add_exception_handler(HTTPException, theirs)
+    app.add_exception_handler(RequestValidationError, invalid)
+    app.add_exception_handler(PipelineError, of_pipeline)
+    app.add_exception_handler(OSError, of_disk)
+    app.add_exception_handler(sqlite3.OperationalError, of_disk)
+    app.add_exception_handler(Exception, fault)

@@ -1,0 +1,1 @@
+"""What a job of the service is: its states, its request, its record."""

@@ -1,0 +1,156 @@
+"""What a client asks for: the fields of ``depthsr run``, made into models for HTTP and back.
+
+The models are made from the same dataclasses as the options of the command line, so that
+both know the same settings. Paths to write are not the client's to choose.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import types
+import typing
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, create_model
+
+from pipeline.config import Settings
+from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
+
+OURS = ("output", "frames_dir", "report", "debug_dir")
+"""Fields of the output that the service chooses."""
+
+CONTAINERS = ("mkv", "mp4", "webm")
+MAX_NAME = 200
+"""Longest name of an uploaded file, characters."""
+
+
+def _model(name: str, kind: type, *, leave_out: tuple[str, ...] = (), **more: Any) -> Any:
+    """Return a pydantic model of the fields of a settings dataclass."""
+    hints = typing.get_type_hints(kind)
+    fields: dict[str, Any] = {}
+    for item in dataclasses.fields(kind):
+        if item.name in leave_out:
+            continue
+        unit = item.metadata["unit"]
+        info = {
+            "description": item.metadata["help"] + (f" [{unit}]" if unit else ""),
+            **({"json_schema_extra": {"x-unit": unit}} if unit else {}),
+        }
+        hint, default = hints[item.name], item.default
+        if item.metadata["choices"]:
+            literal: Any = Literal[item.metadata["choices"]]
+            hint = literal | None if default is None else literal
+        elif hint is FrameRange:
+            hint, default = str, ":"
+            info |= {"pattern": r"^\s*\d{0,9}\s*:\s*\d{0,9}\s*$", "examples": ["4:8"]}
+        elif float in (typing.get_args(hint) or (hint,)):
+            number = Annotated[float, Field(allow_inf_nan=False)]
+            hint = number | None if isinstance(hint, types.UnionType) else number
+        fields[item.name] = (hint, Field(default, **info))
+    config = ConfigDict(extra="forbid")
+    return create_model(name, __config__=config, __doc__=kind.__doc__, **fields, **more)
+
+
+SettingsModel = _model("Settings", Settings)
+InputModel = _model("Input", InputOptions)
+OutputModel = _model(
+    "Output",
+    OutputOptions,
+    leave_out=OURS,
+    container=(Literal[CONTAINERS], Field("mkv", description="container of the video")),
+    video=(bool, Field(True, description="write a video")),
+    frames=(bool, Field(False, description="write lossless PNG of every frame")),
+)
+
+
+class JobRequest(BaseModel):
+    """A job: a scene, how to read it, the settings, what to write."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [
+                {
+                    "scene": "/srv/scenes/teapot",
+                    "settings": {"magnification": "2"},
+                    "input": {"frames": "0:8"},
+                    "output": {"container": "mkv", "layout": "sbs"},
+                }
+            ]
+        },
+    )
+
+    scene: str | None = Field(
+        None,
+        max_length=4096,
+        description="path under an allowed root; of uploaded files: the one among them to open",
+    )
+    uploads: dict[str, str] | None = Field(
+        None, description="finished uploads, by the relative name each file is to have"
+    )
+    settings: SettingsModel = Field(default_factory=SettingsModel)  # type: ignore[valid-type]
+    input: InputModel = Field(default_factory=InputModel)  # type: ignore[valid-type]
+    output: OutputModel = Field(default_factory=OutputModel)  # type: ignore[valid-type]
+    priority: int = Field(0, ge=-10, le=10, description="larger is earlier")
+
+
+def make_job(
+    request: JobRequest, scene: Path, results: Path, *, name: str = "result", threads: int = 0
+) -> Job:
+    """Return the pipeline's job.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is out of range or contradicts another.
+    """
+    given = request.settings.model_dump(exclude_unset=True)
+    if threads:
+        given["threads"] = threads
+    read = request.input.model_dump(exclude_unset=True)
+    if "frames" in read:
+        read["frames"] = FrameRange.parse(read["frames"])
+    if read.get("views") is not None:
+        read["views"] = tuple(read["views"])
+    wanted = request.output.model_dump()
+    container, video, frames = (wanted.pop(key) for key in ("container", "video", "frames"))
+    file = results / f"{name}{layout_token(wanted['layout'])}.{container}"
+    return Job(
+        scene=scene,
+        settings=Settings(**given),
+        magnification_is_default="magnification" not in given,
+        input=InputOptions(**read),
+        output=OutputOptions(
+            **wanted,
+            output=file if video else None,
+            frames_dir=results / "frames" if frames else None,
+            report=results / "report.json",
+        ),
+    )
+
+
+def layout_token(layout: str) -> str:
+    """Return the end of a file name that players recognise the layout by.
+
+    >>> layout_token("half-sbs")
+    '_3D_HSBS_LR'
+    """
+    tokens = {"sbs": "_3D_SBS_LR", "half-sbs": "_3D_HSBS_LR", "tab": "_3D_TAB"}
+    return (tokens | {"half-tab": "_3D_HTAB"}).get(layout, f"_{layout}")
+
+
+def safe_name(name: str) -> str | None:
+    """Return the relative name of an uploaded file; None where it is not one.
+
+    >>> safe_name("cam0/color-0000.png"), safe_name("../up"), safe_name("/etc/passwd")
+    ('cam0/color-0000.png', None, None)
+    """
+    parts = PurePosixPath(name).parts
+    bad = not parts or len(name) > MAX_NAME or "\\" in name or ":" in name or name.startswith("/")
+    if bad or re.search(r"[\x00-\x1f\x7f]", name) or len(parts) > 4:
+        return None
+    if any(part in (".", "..") or part.startswith(".") or len(part) > 120 for part in parts):
+        return None
+    return "/".join(parts)

@@ -1,0 +1,323 @@
+"""Gives jobs to worker processes, watches over them, and finds what a crash left behind."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from service.config import MIB, ServiceConfig
+from service.http.problems import problem
+from service.jobs.states import Action, State, TransitionError
+from service.store import JobRecord, Store
+from service.worker_process import WorkOrder
+
+log = logging.getLogger(__name__)
+
+TICK = 1.0
+"""Seconds between two looks at the leases."""
+
+LOG_LIMIT = 1 << 20
+"""A worker's log is begun anew beyond this, bytes."""
+
+
+class Scheduler:
+    """Runs as many workers as the settings allow, until it is closed.
+
+    Parameters
+    ----------
+    store : Store
+        The truth about jobs; only this process writes it.
+    config : ServiceConfig
+        Limits of workers.
+    on_event : callable
+        Told (kind, data) of everything that workers say; for metrics.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        config: ServiceConfig,
+        *,
+        on_event: Callable[[str, dict[str, Any]], None] = lambda kind, data: None,
+    ) -> None:
+        self.store = store
+        self.config = config
+        self._on_event = on_event
+        self._wake = threading.Event()
+        self._closing = False
+        self._lock = threading.Lock()
+        self._workers: dict[str, _Worker] = {}
+        self._thread = threading.Thread(target=self._run, name="depthsr-scheduler", daemon=True)
+
+    def start(self) -> None:
+        """Put back what an earlier service left running, and begin."""
+        sweep(self.store)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the workers; their finished segments stay. Takes at most the grace time."""
+        self._closing = True
+        self._wake.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        with self._lock:
+            workers = list(self._workers.values())
+        for worker in workers:
+            worker.stop()
+        deadline = time.monotonic() + self.config.grace
+        for worker in workers:
+            worker.join(max(0.0, deadline - time.monotonic()))
+        for worker in workers:
+            worker.kill()
+            worker.join(5)
+
+    def poke(self) -> None:
+        """Look for work at once."""
+        self._wake.set()
+
+    def cancel(self, job_id: str) -> JobRecord:
+        """Cancel a job, running or not."""
+        record = self.store.act(job_id, Action.CANCEL)
+        with self._lock:
+            worker = self._workers.get(job_id)
+        if worker is not None:
+            worker.cancel()
+        elif record.state is State.CANCELLING:
+            record = self.store.act(job_id, Action.STOPPED)
+        return record
+
+    @property
+    def busy(self) -> int:
+        """Workers at work."""
+        with self._lock:
+            return len(self._workers)
+
+    @property
+    def is_alive(self) -> bool:
+        """True while jobs are being given out."""
+        return self._thread.is_alive()
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process ids of the workers, by job."""
+        with self._lock:
+            return {job: worker.pid for job, worker in self._workers.items()}
+
+    def _run(self) -> None:
+        while not self._closing:
+            self._wake.clear()
+            try:
+                self._fill()
+                self._watch()
+            except Exception:  # a full disk, say: the next tick tries again
+                log.warning("scheduler: trying again", exc_info=True)
+            self._wake.wait(TICK)
+
+    def _fill(self) -> None:
+        while self.busy < self.config.workers and not self._closing:
+            record = self.store.take(self.config.lease)
+            if record is None:
+                return
+            worker = _Worker(self, record)
+            with self._lock:
+                self._workers[record.id] = worker
+            worker.start()
+
+    def _watch(self) -> None:
+        silent = {record.id for record in self.store.expired()}
+        with self._lock:
+            workers = dict(self._workers)
+        for job_id, worker in workers.items():
+            if job_id in silent or worker.idle_seconds > self.config.stall:
+                log.warning("worker hangs: killed", extra={"job": job_id})
+                worker.kill()
+        for job_id in silent - workers.keys():
+            lose(self.store, job_id, self.config.max_attempts)
+
+    def _ended(self, worker: _Worker) -> None:
+        with self._lock:
+            self._workers.pop(worker.record.id, None)
+        self._wake.set()
+
+
+class _Worker:
+    """One worker process and the thread that listens to it."""
+
+    def __init__(self, scheduler: Scheduler, record: JobRecord) -> None:
+        self.record = record
+        self._scheduler = scheduler
+        self._process: subprocess.Popen[str] | None = None
+        self._heard = time.monotonic()
+        self._renewed = 0.0
+        self._cancelled = self._stopping = False
+        self._thread = threading.Thread(target=self._run, name=f"depthsr-worker-{record.id}")
+        self._thread.daemon = True
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid if self._process else 0
+
+    @property
+    def idle_seconds(self) -> float:
+        """Time since anything but a sign of life was heard."""
+        return time.monotonic() - self._heard
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def join(self, seconds: float) -> None:
+        self._thread.join(seconds)
+
+    def cancel(self) -> None:
+        self._cancelled = True
+        self.stop()
+
+    def stop(self) -> None:
+        self._stopping = True
+        if self._process is not None and self._process.stdin is not None:
+            with contextlib.suppress(OSError, ValueError):
+                self._process.stdin.write("stop\n")
+                self._process.stdin.flush()
+
+    def kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+
+    def _run(self) -> None:
+        last: dict[str, Any] = {}
+        try:
+            last = self._listen()
+        except Exception:
+            log.warning("worker could not be run", exc_info=True, extra={"job": self.record.id})
+            self.kill()
+        finally:
+            try:
+                self._conclude(last)
+            except (KeyError, TransitionError):
+                pass  # deleted, or taken from it, meanwhile
+            except Exception:  # the lease will run out, and the scheduler finds the job
+                log.warning("end of job not written", exc_info=True, extra={"job": self.record.id})
+            self._scheduler._ended(self)
+
+    def _listen(self) -> dict[str, Any]:
+        config, store, record = self._scheduler.config, self._scheduler.store, self.record
+        folder = job_folder(store.folder, record.id)
+        order = WorkOrder(
+            request=dict(record.request["request"]),
+            scene=record.request["scene"],
+            folder=str(folder),
+            name=record.request.get("name", "result"),
+            threads=config.worker_threads,
+            memory=config.worker_memory * MIB,
+            max_pixels=config.max_pixels,
+            max_frames=config.max_frames,
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / "worker.log"
+        too_long = path.exists() and path.stat().st_size > LOG_LIMIT
+        last: dict[str, Any] = {}
+        with path.open("w" if too_long else "a", encoding="utf-8") as errors:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "service.worker_process"],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors,
+                text=True, encoding="utf-8", env=_environment(), start_new_session=True,
+            )  # fmt: skip
+        log.info("worker started", extra={"job": record.id, "attempt": record.attempt})
+        with self._process as process:
+            assert process.stdin is not None
+            assert process.stdout is not None
+            with contextlib.suppress(OSError):
+                process.stdin.write(json.dumps(asdict(order)) + "\n")
+                process.stdin.flush()
+            if self._stopping:  # asked before there was a process
+                self.stop()
+            for line in process.stdout:
+                try:
+                    said = json.loads(line)
+                    kind = said.pop("event")
+                except (ValueError, KeyError):
+                    continue  # torn off by a kill
+                self._renew()
+                if kind == "beat":
+                    continue
+                self._heard = time.monotonic()
+                if kind in ("done", "stopped", "problem"):
+                    last = {"event": kind, **said}
+                    continue
+                store.report(record.id, kind, said)
+                self._scheduler._on_event(kind, said)
+            process.stdin.close()
+            process.wait()
+        return last
+
+    def _renew(self) -> None:
+        now, lease = time.monotonic(), self._scheduler.config.lease
+        if now - self._renewed > lease / 4:
+            self._renewed = now
+            self._scheduler.store.renew(self.record.id, self.record.attempt, lease)
+
+    def _conclude(self, last: dict[str, Any]) -> None:
+        store, record = self._scheduler.store, self.record
+        said = last.get("event")
+        if said == "done":
+            data = {"frames": last["frames"], "seconds": last["seconds"]}
+            store.act(record.id, Action.SUCCEED, attempt=record.attempt, data=data)
+        elif said == "problem":
+            store.act(record.id, Action.FAIL, attempt=record.attempt, problem=last["problem"])
+        elif self._cancelled:
+            store.act(record.id, Action.STOPPED, attempt=record.attempt)
+        else:
+            limit = self._scheduler.config.max_attempts
+            lose(store, record.id, 1 << 30 if self._stopping else limit)
+        log.info("worker ended", extra={"job": record.id, "said": said or "nothing"})
+
+
+def lose(store: Store, job_id: str, max_attempts: int) -> None:
+    """Queue a job whose worker is gone again, or fail it when that has happened too often."""
+    record = store.job(job_id)
+    if record is None:
+        return
+    if record.state is State.RUNNING and record.attempt >= max_attempts:
+        detail = f"the worker died or hung {record.attempt} times; see the job's log"
+        store.act(job_id, Action.FAIL, problem=problem("worker-lost", detail))
+    else:
+        store.act(job_id, Action.LOSE)
+
+
+def sweep(store: Store) -> None:
+    """At start: queue what was running, and remove what belongs to no job.
+
+    An end of the service is not the job's fault: it does not count as an attempt too many.
+    """
+    for record in store.jobs(states=(State.RUNNING, State.CANCELLING), limit=1 << 30):
+        store.act(record.id, Action.LOSE)
+    jobs = store.folder / "jobs"
+    for folder in jobs.iterdir() if jobs.is_dir() else ():
+        if store.job(folder.name) is None:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def job_folder(data: Path, job_id: str) -> Path:
+    """Return the folder of a job's input, results and log."""
+    return data / "jobs" / job_id
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of a worker: ours without anything of the service's."""
+    kept = {"DEPTHSR_CACHE"}
+    return {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith("DEPTHSR_") or name in kept
+    } | {"PYTHONPATH": str(Path(__file__).parents[1])}

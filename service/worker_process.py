@@ -1,0 +1,171 @@
+"""A process of its own that does one job: the request on stdin, what happens on stdout.
+
+stdin: one line of JSON (:class:`WorkOrder`); later the line ``stop``; its end means that the
+service is gone, and this process ends at once. stdout: one line of JSON for each event
+(``{"event": KIND, ...}``), a ``beat`` every second, and last ``done`` or ``problem``. Decoding
+and computing happen here only, with the memory that the service allows.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import resource
+import signal
+import sys
+import threading
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import IO, Any
+
+BEAT = 1.0
+"""Seconds between two signs of life."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkOrder:
+    """What a worker is to do."""
+
+    request: dict[str, Any]
+    scene: str
+    folder: str
+    """Of the job; results go to ``results`` in it."""
+    name: str = "result"
+    threads: int = 0
+    memory: int = 0
+    """Address space, bytes; 0 is no limit."""
+    max_pixels: int = 1 << 25
+    max_frames: int = 100_000
+
+
+class Voice:
+    """Writes lines to the service; whole ones, from any thread."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+        self._lock = threading.Lock()
+
+    def say(self, event: str, **data: Any) -> None:
+        """Write one line; a service that is gone ends the process."""
+        try:
+            with self._lock:
+                self._stream.write(json.dumps({"event": event, **data}) + "\n")
+                self._stream.flush()
+        except OSError:
+            os._exit(1)
+
+
+def main() -> int:
+    """Do the job that stdin orders."""
+    voice = Voice(os.fdopen(os.dup(1), "w", encoding="utf-8"))
+    os.dup2(2, 1)  # whatever prints must not speak to the service
+    order = WorkOrder(**json.loads(sys.stdin.readline()))
+    _limit(order.memory)
+    threading.Thread(target=_listen, daemon=True).start()
+    threading.Thread(target=_beat, args=(voice,), daemon=True).start()
+
+    from service.numba_cache import prepare_numba_cache
+
+    prepare_numba_cache()
+    from pipeline.errors import Interrupted, PipelineError
+    from service.http.problems import problem
+
+    try:
+        with (Path(order.folder) / "worker.lock").open("w") as lock:
+            _wait_for(lock)
+            voice.say("done", **_work(order, voice))
+        return 0
+    except Interrupted:
+        voice.say("stopped")
+    except PipelineError as error:
+        text = str(error).replace(order.folder + "/", "")
+        voice.say("problem", problem=problem(_kind(error), text))
+    except MemoryError:
+        voice.say("problem", problem=problem("memory-limit", "the worker ran out of memory"))
+    except OSError as error:
+        kind = "disk-full" if error.errno in (28, 122) else "output-error"
+        voice.say("problem", problem=problem(kind, error.strerror or type(error).__name__))
+    return 1
+
+
+def _work(order: WorkOrder, voice: Voice) -> dict[str, Any]:
+    from pipeline.errors import SceneError
+    from pipeline.events import Event
+    from pipeline.media.source import FrameSource, open_scene
+    from pipeline.run import Tools, run_job
+    from pipeline.stop import StopFlag
+    from service.jobs.request import JobRequest, make_job
+
+    folder = Path(order.folder)
+    results = folder / "results"
+    results.mkdir(exist_ok=True)
+    request = JobRequest.model_validate(order.request)
+    job = make_job(request, Path(order.scene), results, name=order.name, threads=order.threads)
+    finished = folder / "done.json"
+    if finished.exists():  # the last worker died after its work
+        return json.loads(finished.read_text(encoding="utf-8"))
+
+    def open_checked(path: Path, **options: Any) -> FrameSource:
+        source = open_scene(path, **options)
+        info = source.info
+        height, width = info.lr_shape
+        if height * width > order.max_pixels or len(info.frame_indices) > order.max_frames:
+            source.close()
+            raise SceneError(
+                f"{width}x{height} pixels, {len(info.frame_indices)} frames: more than the "
+                f"service takes ({order.max_pixels} pixels, {order.max_frames} frames)"
+            )
+        return source
+
+    def tell(event: Event) -> None:
+        voice.say(type(event).__name__, **asdict(event))
+
+    stop = StopFlag()
+    signal.signal(signal.SIGTERM, stop.from_signal)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service's to handle
+    tools = dataclasses.replace(Tools(), open_scene=open_checked)
+    summary = run_job(job, on_event=tell, stop=stop, resume=True, tools=tools)
+    from pipeline.media.files import write_atomic
+
+    said = {"frames": summary.frames, "seconds": summary.seconds}
+    write_atomic(finished, json.dumps(said).encode())
+    return said
+
+
+def _kind(error: Exception) -> str:
+    cause = error.__cause__
+    if isinstance(cause, OSError) and cause.errno in (28, 122):
+        return "disk-full"
+    return str(getattr(error, "code", "internal"))
+
+
+def _limit(memory: int) -> None:
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if memory:
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+
+
+def _wait_for(lock: IO[str]) -> None:
+    """Wait until an earlier worker of the job is gone; the watchdog bounds the wait."""
+    import fcntl
+
+    fcntl.flock(lock, fcntl.LOCK_EX)
+
+
+def _listen() -> None:
+    for line in sys.stdin:
+        if line.strip() == "stop":
+            os.kill(os.getpid(), signal.SIGTERM)
+    os._exit(1)
+
+
+def _beat(voice: Voice) -> None:
+    while True:
+        time.sleep(BEAT)
+        voice.say("beat")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
