@@ -320,4 +320,4 @@ def _environment() -> dict[str, str]:
         name: value
         for name, value in os.environ.items()
         if not name.startswith("DEPTHSR_") or name in kept
-    } | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    }

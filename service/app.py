@@ -1,0 +1,106 @@
+"""The service put together: settings, store, scheduler and the routers of its doors."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib import metadata
+from pathlib import Path
+
+from fastapi import APIRouter, FastAPI
+
+from service.config import ServiceConfig
+from service.http import health, jobs, problems, session, uploads
+from service.http.auth import Tokens
+from service.http.guards import Guards
+from service.metrics import Metrics
+from service.notices import Notices
+from service.scheduler import Scheduler
+from service.store import Store
+
+log = logging.getLogger(__name__)
+
+ROUTERS: tuple[APIRouter, ...] = (jobs.router, uploads.router, session.router, health.router)
+"""Every door of the service."""
+
+
+def create_app(config: ServiceConfig) -> FastAPI:
+    """Return the application; its lifespan opens the data folder and starts the workers.
+
+    Afterwards ``app.state`` has ``config``, ``store``, ``scheduler``, ``notices``, ``tokens``
+    and ``metrics``.
+    """
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        store = Store(config.data, on_change=app.state.notices.tell)
+        try:
+            scheduler = Scheduler(store, config, on_event=app.state.metrics.of_worker)
+            app.state.store, app.state.scheduler = store, scheduler
+            app.state.metrics.watch(store, scheduler)
+            await asyncio.to_thread(uploads.sweep, store)
+            await asyncio.to_thread(scheduler.start)
+            try:
+                yield
+            finally:
+                app.state.notices.stop()
+                await asyncio.to_thread(scheduler.close)
+        finally:
+            store.close()
+
+    app = FastAPI(
+        title="depthsr",
+        version=metadata.version("depthsr"),
+        summary="Depth-guided super-resolution of multi-view 3D video",
+        lifespan=lifespan,
+        responses=problems.responses(401, 403, 500, 503),
+        docs_url="/api/docs",
+        redoc_url=None,
+        openapi_url="/api/openapi.json",
+    )
+    app.state.config = config
+    app.state.notices = Notices()
+    app.state.tokens = Tokens(config.token_file, key=_signing_key(config.data))
+    app.state.metrics = Metrics()
+    problems.add_handlers(app)
+    app.add_middleware(Guards, config=config)
+    for router in ROUTERS:
+        app.include_router(router)
+    _declare(app)
+    return app
+
+
+def _declare(app: FastAPI) -> None:
+    """Add what FastAPI cannot see to the OpenAPI description: problems and bearer tokens."""
+    made = app.openapi
+
+    def openapi() -> dict[str, object]:
+        if app.openapi_schema:
+            return app.openapi_schema
+        schema = made()
+        components = schema.setdefault("components", {})
+        components.setdefault("schemas", {})["Problem"] = problems.Problem.model_json_schema()
+        components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        if app.state.tokens.are_needed:
+            schema["security"] = [{"token": []}]
+        return schema
+
+    app.openapi = openapi  # type: ignore[method-assign]
+
+
+def _signing_key(data: Path) -> bytes:
+    """Return the key of signed addresses, which outlives a restart."""
+    data.mkdir(parents=True, exist_ok=True, mode=0o700)
+    path = data / "signing.key"
+    try:
+        key = path.read_bytes()
+    except FileNotFoundError:
+        key = b""
+    if len(key) < 32:
+        key = secrets.token_bytes(32)
+        path.touch(mode=0o600)
+        path.write_bytes(key)
+    return key

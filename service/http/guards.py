@@ -1,0 +1,107 @@
+"""What every request meets first: limits, the same-origin rule, headers, the access log."""
+
+from __future__ import annotations
+
+import logging
+import time
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.config import MIB, ServiceConfig
+from service.http.problems import ProblemError, answer
+
+log = logging.getLogger("service.access")
+
+JSON_LIMIT = MIB
+"""Largest body that is not a file, bytes."""
+
+SECURITY_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data: blob:; "
+    "media-src 'self' blob:; worker-src 'self' blob:; style-src 'self' 'unsafe-inline'; "
+    "object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'",
+}
+SAFE = ("GET", "HEAD", "OPTIONS")
+
+
+class Guards:
+    """ASGI middleware; it keeps no body in memory."""
+
+    def __init__(self, app: ASGIApp, config: ServiceConfig) -> None:
+        self.app = app
+        self.config = config
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Check the request, count its body, finish the headers of the answer."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        begin = time.perf_counter()
+        metrics = scope["app"].state.metrics
+        status = 0
+        taken = 0
+        kind = headers.get("content-type", "").partition(";")[0]
+        files = ("multipart/form-data", "application/offset+octet-stream")
+        limit = self.config.max_body * MIB if kind in files else JSON_LIMIT
+
+        async def counted() -> Message:
+            nonlocal taken
+            message = await receive()
+            taken += len(message.get("body", b""))
+            if taken > limit:
+                raise ProblemError("too-large", f"the body is longer than {limit} bytes")
+            return message
+
+        async def finished(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                made = MutableHeaders(scope=message)
+                for name, value in SECURITY_HEADERS.items():
+                    made.setdefault(name, value)
+                if scope["path"].startswith("/api/"):
+                    made.setdefault("Cache-Control", "no-store")
+                metrics.seconds.observe(time.perf_counter() - begin)
+            await send(message)
+
+        refused = self._refusal(scope, headers, limit)
+        try:
+            if refused is not None:
+                kind, detail = refused
+                refusal = answer(kind, detail, path=scope["path"])
+                await refusal(scope, receive, finished)
+            else:
+                await self.app(scope, counted, finished)
+        finally:
+            metrics.requests.labels(scope["method"], str(status)).inc()
+            metrics.bytes_in.inc(taken)
+            log.info(
+                "request",
+                extra={
+                    "method": scope["method"],
+                    "path": scope["path"],
+                    "status": status,
+                    "seconds": round(time.perf_counter() - begin, 4),
+                },
+            )
+
+    def _refusal(self, scope: Scope, headers: Headers, limit: int) -> tuple[str, str] | None:
+        length = headers.get("content-length", "0")
+        if length.isascii() and length.isdigit() and int(length[:18]) > limit:
+            return "too-large", f"the body is longer than {limit} bytes"
+        origin = headers.get("origin")
+        if origin and scope["method"] not in SAFE:
+            try:
+                same = urlsplit(origin).netloc == headers.get("host")
+            except ValueError:
+                same = False
+            if not same:
+                return "forbidden", "pages of another origin may not do this"
+        return None

@@ -1,0 +1,54 @@
+"""Is it alive, can it work, how much has it done."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from typing import Annotated
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import PlainTextResponse
+from pydantic import BaseModel
+
+from service.config import MIB
+from service.http.auth import Client, require
+from service.http.problems import ProblemError, responses
+
+router = APIRouter(tags=["operation"])
+
+
+class Health(BaseModel):
+    """It is well."""
+
+    status: str = "ok"
+
+
+@router.api_route("/healthz", methods=["GET"], operation_id="healthz")
+async def healthz() -> Health:
+    """Answer while the event loop turns; needs no token."""
+    return Health()
+
+
+@router.get("/readyz", responses=responses(503))
+def readyz(request: Request) -> Health:
+    """Answer 503 where jobs could not be worked on now; needs no token."""
+    state = request.app.state
+    if state.notices.stopping:
+        raise ProblemError("unavailable", "the service is stopping")
+    if not state.scheduler.is_alive:
+        raise ProblemError("unavailable", "the scheduler has ended")
+    try:
+        state.store.check()
+    except sqlite3.Error:
+        raise ProblemError("unavailable", "the database cannot be written") from None
+    if shutil.disk_usage(state.config.data).free < state.config.disk_reserve * MIB:
+        raise ProblemError("unavailable", "the disk is nearly full")
+    return Health()
+
+
+@router.get("/metrics", response_class=PlainTextResponse)
+def metrics(request: Request, client: Annotated[Client, require("read")]) -> Response:
+    """Return the numbers for Prometheus."""
+    state = request.app.state
+    state.metrics.free.set(shutil.disk_usage(state.config.data).free)
+    return Response(state.metrics.text(), media_type="text/plain; version=0.0.4; charset=utf-8")
