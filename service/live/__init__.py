@@ -1,0 +1,1 @@
+"""Watching while it is made: fragments stored once, handed to every viewer."""
