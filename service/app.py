@@ -16,6 +16,7 @@ from service.config import ServiceConfig
 from service.http import health, jobs, problems, session, uploads
 from service.http.auth import Tokens
 from service.http.guards import Guards
+from service.jobs.request import JobRequest
 from service.metrics import Metrics
 from service.notices import Notices
 from service.scheduler import Scheduler
@@ -82,7 +83,12 @@ def _declare(app: FastAPI) -> None:
             return app.openapi_schema
         schema = made()
         components = schema.setdefault("components", {})
-        components.setdefault("schemas", {})["Problem"] = problems.Problem.model_json_schema()
+        template = "#/components/schemas/{model}"
+        for model in (problems.Problem, JobRequest):
+            made_schema = model.model_json_schema(ref_template=template)
+            for name, part in made_schema.pop("$defs", {}).items():
+                components.setdefault("schemas", {})[name] = part
+            components.setdefault("schemas", {})[model.__name__] = made_schema
         components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
         if app.state.tokens.are_needed:
             schema["security"] = [{"token": []}]

@@ -95,6 +95,7 @@ def _metavar(item: dataclasses.Field) -> str:
     kinds = {
         "views": "ID,ID,...", "left": "ID", "right": "ID", "frames": "A:B", "output": "FILE",
         "report": "FILE", "frames_dir": "FOLDER", "debug_dir": "FOLDER", "codec": "NAME",
+        "host": "ADDRESS", "data": "FOLDER", "roots": "FOLDER,...", "token_file": "FILE",
     }  # fmt: skip
     return kinds.get(item.name, "N")
 

@@ -75,7 +75,9 @@ class Tokens:
         if not self.are_needed:
             return path
         expires = int(time.time()) + LINK_SECONDS
-        return f"{path}?client={client}&expires={expires}&signature={self._mac(path, client, expires)}"
+        return (
+            f"{path}?client={client}&expires={expires}&signature={self._mac(path, client, expires)}"
+        )
 
     def signed_client(self, path: str, query: Any) -> Client | None:
         """Return who signed the address, if it is still good."""
@@ -117,7 +119,9 @@ def identify(connection: HTTPConnection | WebSocket | Request) -> Client:
         client = tokens.signed_client(connection.url.path, connection.query_params)
     if client is None:
         raise ProblemError(
-            "unauthorized", "send Authorization: Bearer TOKEN", headers={"WWW-Authenticate": "Bearer"}
+            "unauthorized",
+            "send Authorization: Bearer TOKEN",
+            headers={"WWW-Authenticate": "Bearer"},
         )
     return client
 

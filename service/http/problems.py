@@ -127,7 +127,8 @@ def add_handlers(app: FastAPI) -> None:
     async def theirs(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, HTTPException)
         kind = next(
-            (name for name, kind in KINDS.items() if kind.status == error.status_code), "bad-request"
+            (name for name, kind in KINDS.items() if kind.status == error.status_code),
+            "bad-request",
         )
         headers = dict(error.headers or {})
         return answer(kind, str(error.detail), path=request.url.path, headers=headers)

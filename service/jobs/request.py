@@ -17,9 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from pipeline.config import Settings
 from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
-
-OURS = ("output", "frames_dir", "report", "debug_dir")
-"""Fields of the output that the service chooses."""
+from service.jobs.paths import OURS
 
 CONTAINERS = ("mkv", "mp4", "webm")
 MAX_NAME = 200

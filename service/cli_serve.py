@@ -1,0 +1,167 @@
+"""The subcommands of the service: ``serve``, ``submit``, ``settings``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import uuid
+from pathlib import Path
+from typing import Any
+
+from service.console import EXIT_DONE, EXIT_FAILURE
+
+
+def add_serve(commands: Any) -> None:
+    """Add the subcommands to the command line."""
+    from pipeline.config import Settings
+    from pipeline.job import InputOptions, OutputOptions
+    from service.jobs.paths import OURS
+    from service.options import add_options
+
+    serve = commands.add_parser(
+        "serve",
+        help="serve jobs over HTTP",
+        description="Serve jobs over HTTP, on this machine alone unless told otherwise.",
+    )
+    _add_config(serve)
+    serve.set_defaults(command=_run_serve)
+
+    settings = commands.add_parser(
+        "settings",
+        help="print the settings of the service and where each comes from",
+        description="Print every setting of the service, its value and its origin.",
+    )
+    _add_config(settings)
+    settings.set_defaults(command=_run_settings)
+
+    submit = commands.add_parser(
+        "submit",
+        help="send a scene to a service, and fetch the result",
+        description="Send a scene to a service; watch the job; fetch the result.",
+    )
+    submit.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
+    submit.add_argument(
+        "--server", default="http://127.0.0.1:8000", metavar="URL",
+        help="address of the service (default: http://127.0.0.1:8000)",
+    )  # fmt: skip
+    submit.add_argument(
+        "--token", metavar="TOKEN", help="bearer token (default: what DEPTHSR_TOKEN says)"
+    )
+    submit.add_argument(
+        "--by-path", action="store_true", help="name the scene under a root instead of sending it"
+    )
+    submit.add_argument(
+        "--priority", type=int, default=0, metavar="N", help="-10 to 10 (default: 0)"
+    )
+    submit.add_argument("--watch", action="store_true", help="show progress until it is over")
+    submit.add_argument(
+        "-o", "--output", type=Path, metavar="FILE",
+        help="where to write the video; waits for the end",
+    )  # fmt: skip
+    add_options(submit.add_argument_group("input"), InputOptions)
+    add_options(submit.add_argument_group("output"), OutputOptions, leave_out=OURS)
+    add_options(submit.add_argument_group("method"), Settings)
+    submit.set_defaults(command=_run_submit)
+
+
+def _add_config(parser: argparse.ArgumentParser) -> None:
+    from service.config import ServiceConfig
+    from service.options import add_options
+
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE",
+        help="YAML or JSON file of settings (default: what DEPTHSR_CONFIG says)",
+    )  # fmt: skip
+    add_options(parser, ServiceConfig)
+
+
+def _loaded(arguments: argparse.Namespace) -> Any:
+    from service.config import ServiceConfig, load_config
+    from service.options import collect
+
+    named = os.environ.get("DEPTHSR_CONFIG")
+    file = arguments.config or (Path(named) if named else None)
+    return load_config(file=file, environment=os.environ, flags=collect(arguments, ServiceConfig))
+
+
+def _run_settings(arguments: argparse.Namespace) -> int:
+    from service.config import format_config
+
+    sys.stdout.write(format_config(_loaded(arguments)) + "\n")
+    return EXIT_DONE
+
+
+def _run_serve(arguments: argparse.Namespace) -> int:
+    from service.app import create_app
+    from service.json_logs import configure
+    from service.server import serve
+
+    config = _loaded(arguments).config
+    configure(config.log_level)
+    serve(create_app(config), config, say=_say)
+    return EXIT_DONE
+
+
+def _run_submit(arguments: argparse.Namespace) -> int:
+    import dataclasses
+
+    from pipeline.config import Settings
+    from pipeline.job import InputOptions, OutputOptions
+    from service.client import Client, ServiceError, scene_files
+    from service.options import collect
+
+    output = collect(arguments, OutputOptions)
+    output.pop("output", None)
+    if arguments.output is not None:
+        output["container"] = arguments.output.suffix.removeprefix(".")
+    given = collect(arguments, InputOptions)
+    if "frames" in given:
+        ends = dataclasses.astuple(given["frames"])
+        given["frames"] = ":".join("" if end is None else str(end) for end in ends)
+    request: dict[str, Any] = {
+        "settings": collect(arguments, Settings),
+        "input": given,
+        "output": output,
+        "priority": arguments.priority,
+    }
+    token = arguments.token or os.environ.get("DEPTHSR_TOKEN")
+    key = uuid.uuid4().hex
+    with Client(arguments.server, token=token) as client:
+        if arguments.by_path:
+            job = client.submit({**request, "scene": str(arguments.scene)}, key=key)
+        else:
+            files = scene_files(arguments.scene)
+            if not any(path.is_file() for path in files.values()):
+                raise ServiceError(f"{arguments.scene}: there is no such scene")
+            job = client.submit_files(files, request, key=key)
+        sys.stdout.write(f"job {job.id}\n")
+        sys.stdout.flush()
+        if not arguments.watch and arguments.output is None:
+            return EXIT_DONE
+        for event in client.events(job.id):
+            if arguments.watch:
+                sys.stderr.write(_line(event.kind, event.data) + "\n")
+        job = client.job(job.id)
+        if job.state != "succeeded":
+            said = (job.problem or {}).get("detail", job.state)
+            sys.stderr.write(f"depthsr: error: job {job.id} {job.state}: {said}\n")
+            return EXIT_FAILURE
+        for result in client.results(job.id):
+            if arguments.output is not None and result.media_type.startswith("video/"):
+                client.download(result, arguments.output)
+                sys.stdout.write(f"wrote {arguments.output}: {result.size} bytes\n")
+    return EXIT_DONE
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+def _line(kind: str, data: Any) -> str:
+    if kind == "FrameFinished":
+        return f"frame {data['done']} of {data['total']}"
+    if kind == "Warned":
+        return f"warning: {data['text']}"
+    return kind

@@ -1,0 +1,629 @@
+"""Jobs: create, list, read, follow, cancel, retry, delete, results, logs."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import mimetypes
+import shutil
+import threading
+import uuid
+from collections.abc import AsyncIterator, Iterator
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import Path as InPath
+from fastapi.responses import FileResponse, StreamingResponse
+from fastapi.routing import APIRoute
+from pydantic import BaseModel, Field, ValidationError
+from starlette.datastructures import UploadFile
+from starlette.formparsers import MultiPartException
+from starlette.requests import ClientDisconnect
+
+from service.http import uploads
+from service.http.auth import Client, require
+from service.http.problems import ProblemError, responses
+from service.http.quota import check_space
+from service.jobs.pictures import too_large
+from service.jobs.request import JobRequest, make_job, safe_name
+from service.jobs.states import Action, State, TransitionError
+from service.scheduler import job_folder
+from service.store import EventRecord, JobRecord, KeyReusedError
+
+router = APIRouter(prefix="/api/v1", tags=["jobs"])
+
+PAGE = 50
+LAST_WORD = ("succeeded", "failed", "cancelled")
+"""Kinds of events after which nothing comes unless somebody asks for a retry."""
+
+BREATH = 15.0
+"""A comment keeps an idle stream of events open this often, seconds."""
+
+Reader = Annotated[Client, require("read")]
+Submitter = Annotated[Client, require("submit")]
+JobId = Annotated[str, InPath(max_length=64, examples=["3f0c5d…"])]
+
+
+class JobView(BaseModel):
+    """A job as clients see it."""
+
+    id: str
+    state: State
+    client: str
+    priority: int
+    attempt: int
+    created: datetime
+    started: datetime | None
+    finished: datetime | None
+    frames_done: int
+    frames_total: int | None
+    problem: dict[str, Any] | None = Field(description="why it failed (RFC 9457)")
+    request: dict[str, Any]
+    links: dict[str, str]
+
+
+class JobPage(BaseModel):
+    """Some of the jobs, newest first."""
+
+    jobs: list[JobView]
+    next: str | None = Field(description="address of the next page")
+
+
+class EventView(BaseModel):
+    """Something that happened in a job."""
+
+    sequence: int
+    at: datetime
+    kind: str
+    data: dict[str, Any]
+
+
+class EventPage(BaseModel):
+    """Events after a number; ask again with the last one's."""
+
+    events: list[EventView]
+    last: int
+
+
+class ResultView(BaseModel):
+    """A file that a job has made."""
+
+    name: str
+    size: int = Field(description="bytes")
+    media_type: str
+    url: str
+
+
+@router.post(
+    "/jobs",
+    status_code=202,
+    response_model=JobView,
+    responses={
+        202: {
+            "description": "Taken; Location is the job's address",
+            "headers": {
+                "Location": {"schema": {"type": "string"}},
+                "Retry-After": {"schema": {"type": "integer"}},
+            },
+        },
+        **responses(400, 404, 409, 413, 415, 422, 429, 507),
+    },
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {
+                "application/json": {"schema": {"$ref": "#/components/schemas/JobRequest"}},
+                "multipart/form-data": {
+                    "schema": {
+                        "type": "object",
+                        "required": ["files"],
+                        "properties": {
+                            "job": {"type": "string", "description": "a JobRequest as JSON"},
+                            "files": {
+                                "type": "array",
+                                "items": {"type": "string", "format": "binary"},
+                                "description": "the scene; file names are relative paths",
+                            },
+                        },
+                    }
+                },
+            },
+        }
+    },
+)
+async def create(
+    request: Request,
+    response: Response,
+    client: Submitter,
+    idempotency_key: Annotated[str | None, Header(max_length=200)] = None,
+) -> JobView:
+    """Take a job: a path under an allowed root, finished uploads, or files in this request."""
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    files: list[UploadFile] = []
+    config = request.app.state.config
+    with contextlib.ExitStack() as stack:
+        if kind == "multipart/form-data":
+            try:
+                form = await request.form(max_files=config.max_files, max_fields=10)
+            except (MultiPartException, ClientDisconnect) as error:
+                raise ProblemError("bad-request", str(error)) from error
+            stack.callback(lambda: [item.file.close() for item in files])
+            files = [item for item in form.getlist("files") if isinstance(item, UploadFile)]
+            said = form.get("job", "{}")
+            if not files:
+                raise ProblemError("invalid", "files: none were sent")
+            text = said if isinstance(said, str) else ""
+        elif kind == "application/json":
+            try:
+                text = (await request.body()).decode()
+            except ValueError as error:
+                raise ProblemError("bad-request", "the body is not UTF-8") from error
+        else:
+            raise ProblemError(
+                "unsupported-media-type", "send application/json or multipart/form-data"
+            )
+        record = await asyncio.to_thread(_take, request, client, text, files, idempotency_key)
+    response.headers["Location"] = f"/api/v1/jobs/{record.id}"
+    response.headers["Retry-After"] = "1"
+    return _view(record)
+
+
+_creating: set[tuple[str, str]] = set()
+_creating_lock = threading.Lock()
+
+
+@contextlib.contextmanager
+def _alone(client: Client, key: str | None) -> Iterator[None]:
+    """Let only one request of an idempotency key be worked on."""
+    item = (client.name, key or "")
+    with _creating_lock:
+        if key is not None and item in _creating:
+            raise ProblemError("in-progress", "a request with this key is being worked on")
+        if key is not None:
+            _creating.add(item)
+    try:
+        yield
+    finally:
+        with _creating_lock:
+            _creating.discard(item)
+
+
+def _take(
+    request: Request, client: Client, text: str, files: list[UploadFile], key: str | None
+) -> JobRecord:
+    state = request.app.state
+    asked = _parsed(text)
+    with _alone(client, key):
+        digest = _digest(text, files) if key is not None else ""
+        try:
+            known = state.store.keyed(client.name, key, digest) if key is not None else None
+        except KeyReusedError:
+            raise ProblemError(
+                "key-reused", "the Idempotency-Key was used for another request"
+            ) from None
+        if known is not None:
+            return known
+        counts = state.store.counts(client.name)
+        if sum(count for name, count in counts.items() if not name.is_final) >= (
+            state.config.max_queue
+        ):
+            raise ProblemError(
+                "too-many", f"{state.config.max_queue} jobs are unfinished",
+                headers={"Retry-After": "30"},
+            )  # fmt: skip
+        check_space(state.config, sum(item.size or 0 for item in files))
+        job_id = uuid.uuid4().hex
+        folder = job_folder(state.config.data, job_id)
+        try:
+            scene = _scene(request, client, asked, files, folder / "input")
+            make_job(asked, scene, folder / "results")  # are the settings possible?
+            record, _ = state.store.create_job(
+                job_id=job_id,
+                client=client.name,
+                request={
+                    "request": asked.model_dump(exclude_unset=True),
+                    "scene": str(scene),
+                    "name": _stem(asked, scene, folder),
+                },
+                priority=asked.priority,
+                key=key,
+                request_hash=digest,
+            )
+        except BaseException:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+    state.scheduler.poke()
+    return record
+
+
+def _parsed(text: str) -> JobRequest:
+    try:
+        return JobRequest.model_validate_json(text)
+    except ValidationError as error:
+        said = [
+            {"at": "/".join(map(str, item["loc"])), "says": item["msg"]} for item in error.errors()
+        ]
+        detail = "; ".join(f"{item['at'] or 'body'}: {item['says']}" for item in said[:3])
+        raise ProblemError("invalid", detail, errors=said[:20]) from None
+
+
+def _digest(text: str, files: list[UploadFile]) -> str:
+    total = hashlib.sha256(text.encode())
+    for item in files:
+        total.update(f"\n{item.filename}\n{item.size}\n".encode())
+        total.update(hashlib.file_digest(item.file, "sha256").digest())  # type: ignore[arg-type]
+        item.file.seek(0)
+    return total.hexdigest()
+
+
+def _scene(
+    request: Request, client: Client, asked: JobRequest, files: list[UploadFile], folder: Path
+) -> Path:
+    """Return the scene's path, its uploaded files in place."""
+    config = request.app.state.config
+    if not files and not asked.uploads:
+        return _under_a_root(asked.scene, config.roots)
+    for name, upload in (asked.uploads or {}).items():
+        uploads.take(request, upload, client, _place(folder, name))
+    for item in files:
+        target = _place(folder, item.filename or "file")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with target.open("xb") as file:
+                shutil.copyfileobj(item.file, file, 1 << 20)
+        except (FileExistsError, NotADirectoryError, IsADirectoryError):
+            raise ProblemError("invalid", f"{item.filename}: is named twice") from None
+    wrong = too_large(folder, config.max_pixels)
+    if wrong:
+        raise ProblemError("too-large", wrong)
+    if asked.scene is not None:
+        name = safe_name(asked.scene)
+        if name is None or not (folder / name).exists():
+            raise ProblemError("invalid", "scene: names none of the files sent")
+        return folder / name
+    there = [path for path in folder.rglob("*") if path.is_file()]
+    manifests = [path for path in there if path.name == "scene.json"]
+    if len(manifests) == 1:
+        return manifests[0]
+    return there[0] if len(there) == 1 else folder
+
+
+def _place(folder: Path, name: str) -> Path:
+    good = safe_name(name)
+    if good is None:
+        raise ProblemError("invalid", f"{name[:100]!r}: is not a plain relative file name")
+    return folder / good
+
+
+def _under_a_root(scene: str | None, roots: tuple[Path, ...]) -> Path:
+    if scene is None:
+        raise ProblemError("invalid", "scene: say which, or send files")
+    if "\0" in scene:
+        raise ProblemError("invalid", "scene: is not a path")
+    for root in roots:
+        try:
+            path = (root / scene).resolve()
+            if path.is_relative_to(root.resolve()) and path.exists():
+                return path
+        except (OSError, RuntimeError, ValueError):
+            continue
+    raise ProblemError("invalid", "scene: nothing of that name lies under an allowed root")
+
+
+def _stem(asked: JobRequest, scene: Path, folder: Path) -> str:
+    inside = scene.parent == folder / "input" and scene.name == "scene.json"
+    name = (scene.parent if scene.name == "scene.json" else scene).stem if not inside else "scene"
+    kept = "".join(c if (c.isalnum() and c.isascii()) or c in "-_" else "-" for c in name)[:60]
+    return kept.strip("-") or "scene"
+
+
+@router.get("/jobs", responses={304: {"description": "Nothing new"}, **responses(422)})
+def index(
+    request: Request,
+    response: Response,
+    client: Reader,
+    state: Annotated[list[State], Query()] = [],  # noqa: B006 - FastAPI copies it
+    before: Annotated[int | None, Query(ge=1, le=1 << 53)] = None,
+    limit: Annotated[int, Query(ge=1, le=500)] = PAGE,
+    if_none_match: Annotated[str | None, Header()] = None,
+) -> JobPage:
+    """List jobs, newest first."""
+    records = request.app.state.store.jobs(
+        client=None if client.sees_all else client.name,
+        states=tuple(state),
+        before=before,
+        limit=limit + 1,
+    )
+    page, rest = records[:limit], records[limit:]
+    more = None
+    if rest:
+        filters = "".join(f"&state={item.value}" for item in state)
+        more = f"/api/v1/jobs?limit={limit}&before={page[-1].number}{filters}"
+    tag = _tag("-".join(f"{record.number}.{record.version}" for record in page) + str(more))
+    response.headers["ETag"] = tag
+    if _matches(if_none_match, tag):
+        return _unchanged(tag)  # type: ignore[return-value]
+    return JobPage(jobs=[_view(record) for record in page], next=more)
+
+
+@router.get(
+    "/jobs/{job_id}", responses={304: {"description": "Nothing new"}, **responses(404, 422)}
+)
+def show(
+    request: Request,
+    response: Response,
+    job_id: JobId,
+    client: Reader,
+    if_none_match: Annotated[str | None, Header()] = None,
+) -> JobView:
+    """Show a job."""
+    record = _find(request, job_id, client)
+    tag = _tag(f"{record.id}.{record.version}")
+    response.headers["ETag"] = tag
+    if _matches(if_none_match, tag):
+        return _unchanged(tag)  # type: ignore[return-value]
+    return _view(record)
+
+
+@router.delete("/jobs/{job_id}", status_code=204, responses=responses(404, 409, 422))
+def delete(request: Request, job_id: JobId, client: Submitter) -> None:
+    """Forget a finished job and its files."""
+    record = _find(request, job_id, client)
+    if not record.state.is_final:
+        raise ProblemError("conflict", f"the job is {record.state}; cancel it first")
+    request.app.state.store.delete_job(record.id)
+    shutil.rmtree(job_folder(request.app.state.config.data, record.id), ignore_errors=True)
+
+
+@router.post("/jobs/{job_id}/cancel", status_code=202, responses=responses(404, 409, 422))
+def cancel(request: Request, job_id: JobId, client: Submitter) -> JobView:
+    """Ask a job to stop; again is no error."""
+    record = _find(request, job_id, client)
+    try:
+        return _view(request.app.state.scheduler.cancel(record.id))
+    except TransitionError as error:
+        raise ProblemError("conflict", str(error)) from None
+
+
+@router.post("/jobs/{job_id}/retry", status_code=202, responses=responses(404, 409, 422))
+def retry(request: Request, job_id: JobId, client: Submitter) -> JobView:
+    """Queue a failed or cancelled job again; its finished segments are not computed again."""
+    record = _find(request, job_id, client)
+    try:
+        record = request.app.state.store.act(record.id, Action.RETRY)
+    except TransitionError as error:
+        raise ProblemError("conflict", str(error)) from None
+    request.app.state.scheduler.poke()
+    return _view(record)
+
+
+@router.get(
+    "/jobs/{job_id}/events",
+    response_model=EventPage,
+    responses={
+        200: {
+            "description": "A page of events; with Accept: text/event-stream, a stream of them",
+            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+        },
+        **responses(404, 422),
+    },
+)
+async def events(
+    request: Request,
+    job_id: JobId,
+    client: Reader,
+    after: Annotated[int, Query(ge=0, le=1 << 53)] = 0,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 1000,
+    last_event_id: Annotated[str | None, Header()] = None,
+) -> Any:
+    """Follow a job: poll with ``after``, or listen to a stream that goes on from Last-Event-ID."""
+    record = await asyncio.to_thread(_find, request, job_id, client)
+    store = request.app.state.store
+    streams = "text/event-stream" in request.headers.get("accept", "")
+    if streams and request.method == "GET":
+        if last_event_id and last_event_id.isascii() and last_event_id.isdigit():
+            after = int(last_event_id[:15])
+        return StreamingResponse(
+            _stream(request, record.id, after),
+            media_type="text/event-stream",
+            headers={"X-Accel-Buffering": "no"},
+        )
+    found = await asyncio.to_thread(store.events, record.id, after=after, limit=limit)
+    page = [_event(item) for item in found]
+    return EventPage(events=page, last=page[-1].sequence if page else after)
+
+
+async def _stream(request: Request, job_id: str, after: int) -> AsyncIterator[str]:
+    notices, store = request.app.state.notices, request.app.state.store
+    yield "retry: 2000\n\n"
+    with notices.listen(job_id) as news:
+        while not notices.stopping:
+            news.clear()
+            found = await asyncio.to_thread(store.events, job_id, after=after)
+            for item in found:
+                data = _event(item).model_dump_json()
+                yield f"id: {item.sequence}\nevent: {item.kind}\ndata: {data}\n\n"
+                after = item.sequence
+            record = await asyncio.to_thread(store.job, job_id)
+            if record is None:
+                return
+            if record.state.is_final and not found:
+                return
+            if found:
+                continue
+            try:
+                await asyncio.wait_for(news.wait(), BREATH)
+            except TimeoutError:
+                yield ": here\n\n"
+
+
+@router.get("/jobs/{job_id}/results", responses=responses(404, 422))
+def results(request: Request, job_id: JobId, client: Reader) -> list[ResultView]:
+    """List the files of a finished job."""
+    record = _find(request, job_id, client)
+    folder = job_folder(request.app.state.config.data, record.id) / "results"
+    if record.state is not State.SUCCEEDED or not folder.is_dir():
+        return []
+    sign = request.app.state.tokens.sign
+    found = []
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if path.is_file() and not name.startswith("."):
+            found.append(
+                ResultView(
+                    name=name,
+                    size=path.stat().st_size,
+                    media_type=_media_type(name),
+                    url=sign(f"/api/v1/jobs/{record.id}/results/{name}", client.name),
+                )
+            )
+    return found
+
+
+FILE = {
+    200: {
+        "description": "The file",
+        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+    },
+    206: {"description": "The bytes asked for by Range"},
+    304: {"description": "Nothing new"},
+}
+
+
+@router.get(
+    "/jobs/{job_id}/results/{name:path}",
+    response_class=FileResponse,
+    responses={**FILE, **responses(400, 404, 416, 422)},
+)
+def result(
+    request: Request,
+    job_id: JobId,
+    name: Annotated[str, InPath(max_length=300)],
+    client: Reader,
+    if_none_match: Annotated[str | None, Header()] = None,
+) -> Response:
+    """Fetch a result, whole or by ranges."""
+    record = _find(request, job_id, client)
+    folder = job_folder(request.app.state.config.data, record.id) / "results"
+    good = safe_name(name)
+    if good is None or record.state is not State.SUCCEEDED or not (folder / good).is_file():
+        raise ProblemError("not-found", "the job has no such result")
+    return _file(folder / good, if_none_match)
+
+
+@router.get(
+    "/jobs/{job_id}/logs",
+    response_class=FileResponse,
+    responses={
+        200: {"description": "What its workers wrote", "content": {"text/plain": {}}},
+        304: {"description": "Nothing new"},
+        **responses(404, 416, 422),
+    },
+)
+def logs(
+    request: Request,
+    job_id: JobId,
+    client: Reader,
+    if_none_match: Annotated[str | None, Header()] = None,
+) -> Response:
+    """Read what the workers of a job wrote to their logs."""
+    record = _find(request, job_id, client)
+    path = job_folder(request.app.state.config.data, record.id) / "worker.log"
+    if not path.is_file():
+        return Response("", media_type="text/plain; charset=utf-8")
+    return _file(path, if_none_match, "text/plain; charset=utf-8")
+
+
+@router.get("/settings-schema")
+def settings_schema(client: Reader) -> dict[str, Any]:
+    """Return the JSON schema of a job: the settings of ``depthsr run``."""
+    return JobRequest.model_json_schema()
+
+
+def _add_heads() -> None:
+    """Let every address that can be got be asked for its head."""
+    for route in [item for item in router.routes if isinstance(item, APIRoute)]:
+        if route.methods == {"GET"}:
+            router.add_api_route(
+                route.path.removeprefix(router.prefix),
+                route.endpoint,
+                methods=["HEAD"],
+                response_model=route.response_model,
+                include_in_schema=False,
+            )
+
+
+def _find(request: Request, job_id: str, client: Client) -> JobRecord:
+    record: JobRecord | None = request.app.state.store.job(job_id)
+    if record is None or not (client.sees_all or record.client == client.name):
+        raise ProblemError("not-found", "there is no such job")
+    return record
+
+
+def _view(record: JobRecord) -> JobView:
+    here = f"/api/v1/jobs/{record.id}"
+    return JobView(
+        id=record.id,
+        state=record.state,
+        client=record.client,
+        priority=record.priority,
+        attempt=record.attempt,
+        created=_time(record.created),
+        started=_time(record.started),
+        finished=_time(record.finished),
+        frames_done=record.frames_done,
+        frames_total=record.frames_total,
+        problem=None if record.problem is None else dict(record.problem),
+        request=record.request["request"],
+        links={"self": here, **{key: f"{here}/{key}" for key in ("events", "results", "logs")}},
+    )
+
+
+def _event(item: EventRecord) -> EventView:
+    return EventView(**{**asdict(item), "at": _time(item.at)})
+
+
+def _time(seconds: float | None) -> Any:
+    return None if seconds is None else datetime.fromtimestamp(seconds, UTC)
+
+
+def _tag(text: str) -> str:
+    return f'"{hashlib.sha256(text.encode()).hexdigest()[:24]}"'
+
+
+def _matches(wanted: str | None, tag: str) -> bool:
+    if wanted is None:
+        return False
+    tags = [item.strip().removeprefix("W/") for item in wanted.split(",")]
+    return tag in tags or "*" in tags
+
+
+def _unchanged(tag: str) -> Response:
+    return Response(status_code=304, headers={"ETag": tag})
+
+
+def _file(path: Path, if_none_match: str | None, media_type: str | None = None) -> Response:
+    status = path.stat()
+    tag = _tag(f"{path}-{status.st_mtime_ns}-{status.st_size}")
+    if _matches(if_none_match, tag):
+        return _unchanged(tag)
+    return FileResponse(
+        path,
+        media_type=media_type or _media_type(path.name),
+        headers={"ETag": tag, "Cache-Control": "private, no-cache"},
+        stat_result=status,
+    )
+
+
+def _media_type(name: str) -> str:
+    ours = {".mkv": "video/x-matroska", ".mp4": "video/mp4", ".webm": "video/webm"}
+    return (
+        ours.get(Path(name).suffix) or mimetypes.guess_type(name)[0] or "application/octet-stream"
+    )
+
+
+_add_heads()
