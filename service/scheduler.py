@@ -125,6 +125,9 @@ class Scheduler:
             self._wake.wait(TICK)
 
     def _fill(self) -> None:
+        free = shutil.disk_usage(self.store.folder).free
+        if free < self.config.disk_reserve * MIB:
+            return  # until somebody makes room
         while self.busy < self.config.workers and not self._closing:
             record = self.store.take(self.config.lease)
             if record is None:
@@ -138,6 +141,9 @@ class Scheduler:
         silent = {record.id for record in self.store.expired()}
         with self._lock:
             workers = dict(self._workers)
+        if shutil.disk_usage(self.store.folder).free < self.config.disk_reserve * MIB // 2:
+            for worker in workers.values():  # while the database can still be written
+                worker.fail(problem("disk-full", "the disk is full; make room, then retry"))
         for job_id, worker in workers.items():
             if job_id in silent or worker.idle_seconds > self.config.stall:
                 log.warning("worker hangs: killed", extra={"job": job_id})
@@ -161,6 +167,7 @@ class _Worker:
         self._heard = time.monotonic()
         self._renewed = 0.0
         self._cancelled = self._stopping = False
+        self._verdict: dict[str, Any] | None = None
         self._thread = threading.Thread(target=self._run, name=f"depthsr-worker-{record.id}")
         self._thread.daemon = True
 
@@ -189,6 +196,11 @@ class _Worker:
             with contextlib.suppress(OSError, ValueError):
                 self._process.stdin.write("stop\n")
                 self._process.stdin.flush()
+
+    def fail(self, verdict: dict[str, Any]) -> None:
+        """End the process; the job fails for that reason."""
+        self._verdict = verdict
+        self.kill()
 
     def kill(self) -> None:
         if self._process is not None:
@@ -273,6 +285,8 @@ class _Worker:
         if said == "done":
             data = {"frames": last["frames"], "seconds": last["seconds"]}
             store.act(record.id, Action.SUCCEED, attempt=record.attempt, data=data)
+        elif self._verdict is not None:
+            store.act(record.id, Action.FAIL, attempt=record.attempt, problem=self._verdict)
         elif said == "problem":
             store.act(record.id, Action.FAIL, attempt=record.attempt, problem=last["problem"])
         elif self._cancelled:

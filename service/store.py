@@ -160,13 +160,17 @@ class Store:
         self._db = sqlite3.connect(
             folder / "service.sqlite", check_same_thread=False, isolation_level=None
         )
-        self._db.row_factory = sqlite3.Row
-        for pragma in (
-            "journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "busy_timeout=5000",
-            "mmap_size=0",
-        ):  # fmt: skip
-            self._db.execute(f"PRAGMA {pragma}").fetchall()
-        self._migrate()
+        try:
+            self._db.row_factory = sqlite3.Row
+            for pragma in (
+                "journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "busy_timeout=5000",
+                "mmap_size=0",
+            ):  # fmt: skip
+                self._db.execute(f"PRAGMA {pragma}").fetchall()
+            self._migrate()
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Close the file and let another service in."""

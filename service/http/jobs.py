@@ -26,6 +26,7 @@ from starlette.requests import ClientDisconnect
 
 from service.http import uploads
 from service.http.auth import Client, require
+from service.http.files import matches, send_file, tag_of, unchanged
 from service.http.problems import ProblemError, responses
 from service.http.quota import check_space
 from service.jobs.pictures import too_large
@@ -343,10 +344,10 @@ def index(
     if rest:
         filters = "".join(f"&state={item.value}" for item in state)
         more = f"/api/v1/jobs?limit={limit}&before={page[-1].number}{filters}"
-    tag = _tag("-".join(f"{record.number}.{record.version}" for record in page) + str(more))
+    tag = tag_of("-".join(f"{record.number}.{record.version}" for record in page) + str(more))
     response.headers["ETag"] = tag
-    if _matches(if_none_match, tag):
-        return _unchanged(tag)  # type: ignore[return-value]
+    if matches(if_none_match, tag):
+        return unchanged(tag)  # type: ignore[return-value]
     return JobPage(jobs=[_view(record) for record in page], next=more)
 
 
@@ -362,10 +363,10 @@ def show(
 ) -> JobView:
     """Show a job."""
     record = _find(request, job_id, client)
-    tag = _tag(f"{record.id}.{record.version}")
+    tag = tag_of(f"{record.id}.{record.version}")
     response.headers["ETag"] = tag
-    if _matches(if_none_match, tag):
-        return _unchanged(tag)  # type: ignore[return-value]
+    if matches(if_none_match, tag):
+        return unchanged(tag)  # type: ignore[return-value]
     return _view(record)
 
 
@@ -512,7 +513,7 @@ def result(
     good = safe_name(name)
     if good is None or record.state is not State.SUCCEEDED or not (folder / good).is_file():
         raise ProblemError("not-found", "the job has no such result")
-    return _file(folder / good, if_none_match)
+    return send_file(folder / good, if_none_match, _media_type(good))
 
 
 @router.get(
@@ -535,7 +536,7 @@ def logs(
     path = job_folder(request.app.state.config.data, record.id) / "worker.log"
     if not path.is_file():
         return Response("", media_type="text/plain; charset=utf-8")
-    return _file(path, if_none_match, "text/plain; charset=utf-8")
+    return send_file(path, if_none_match, "text/plain; charset=utf-8")
 
 
 @router.get("/settings-schema")
@@ -589,34 +590,6 @@ def _event(item: EventRecord) -> EventView:
 
 def _time(seconds: float | None) -> Any:
     return None if seconds is None else datetime.fromtimestamp(seconds, UTC)
-
-
-def _tag(text: str) -> str:
-    return f'"{hashlib.sha256(text.encode()).hexdigest()[:24]}"'
-
-
-def _matches(wanted: str | None, tag: str) -> bool:
-    if wanted is None:
-        return False
-    tags = [item.strip().removeprefix("W/") for item in wanted.split(",")]
-    return tag in tags or "*" in tags
-
-
-def _unchanged(tag: str) -> Response:
-    return Response(status_code=304, headers={"ETag": tag})
-
-
-def _file(path: Path, if_none_match: str | None, media_type: str | None = None) -> Response:
-    status = path.stat()
-    tag = _tag(f"{path}-{status.st_mtime_ns}-{status.st_size}")
-    if _matches(if_none_match, tag):
-        return _unchanged(tag)
-    return FileResponse(
-        path,
-        media_type=media_type or _media_type(path.name),
-        headers={"ETag": tag, "Cache-Control": "private, no-cache"},
-        stat_result=status,
-    )
 
 
 def _media_type(name: str) -> str:

@@ -1,0 +1,71 @@
+"""Files by whole, ranges, head and tag; what goes wrong is a problem as everywhere."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from fastapi.responses import FileResponse
+from starlette.datastructures import Headers
+from starlette.responses import Response
+from starlette.types import Message, Receive, Scope, Send
+
+from service.http.problems import answer
+
+
+class RangedFile(FileResponse):
+    """A file whose bad ranges are answered with a problem."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the file, or what is wrong with the range."""
+        refused: dict[str, str] | None = None
+        status = 0
+
+        async def watched(message: Message) -> None:
+            nonlocal refused, status
+            if message["type"] == "http.response.start" and message["status"] in (400, 416):
+                status = message["status"]
+                said = Headers(raw=message["headers"]).get("content-range")
+                refused = {"Content-Range": said} if said else {}
+            if refused is None:
+                await send(message)
+
+        await super().__call__(scope, receive, watched)
+        if refused is not None:
+            kind = "range-not-satisfiable" if status == 416 else "bad-request"
+            problem = answer(
+                kind, "Range: the file has no such bytes", path=scope["path"], headers=refused
+            )
+            await problem(scope, receive, send)
+
+
+def tag_of(text: str) -> str:
+    """Return an entity tag."""
+    return f'"{hashlib.sha256(text.encode()).hexdigest()[:24]}"'
+
+
+def matches(wanted: str | None, tag: str) -> bool:
+    """Tell whether an If-None-Match header names the tag."""
+    if wanted is None:
+        return False
+    tags = [item.strip().removeprefix("W/") for item in wanted.split(",")]
+    return tag in tags or "*" in tags
+
+
+def unchanged(tag: str) -> Response:
+    """Return the answer that nothing is new."""
+    return Response(status_code=304, headers={"ETag": tag})
+
+
+def send_file(path: Path, if_none_match: str | None, media_type: str) -> Response:
+    """Return a file, or that it is the one the client has."""
+    status = path.stat()
+    tag = tag_of(f"{path}-{status.st_mtime_ns}-{status.st_size}")
+    if matches(if_none_match, tag):
+        return unchanged(tag)
+    return RangedFile(
+        path,
+        media_type=media_type,
+        headers={"ETag": tag, "Cache-Control": "private, no-cache"},
+        stat_result=status,
+    )

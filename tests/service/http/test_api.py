@@ -1,0 +1,320 @@
+"""The doors one by one, on a real service whose single worker is real too."""
+
+from __future__ import annotations
+
+import base64
+import json
+import threading
+from pathlib import Path
+
+import httpx
+import pytest
+
+PROBLEM = "application/problem+json"
+
+
+@pytest.fixture(scope="module")
+def api(live_service):
+    with httpx.Client(base_url=live_service.url, timeout=60) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def done(api, tiny_scene):
+    """A finished job."""
+    body = {"scene": "tiny", "input": {"frames": ":2"}, "output": {"segment_length": 1}}
+    job = api.post("/api/v1/jobs", json=body).json()["id"]
+    follow(api, job)
+    return job
+
+
+def follow(api, job, **headers):
+    """Return the events of a job until its end, by SSE."""
+    found = []
+    headers = {"Accept": "text/event-stream", **headers}
+    with api.stream("GET", f"/api/v1/jobs/{job}/events", headers=headers) as stream:
+        assert stream.headers["content-type"].startswith("text/event-stream")
+        for line in stream.iter_lines():
+            if line.startswith("data: "):
+                found.append(json.loads(line[6:]))
+    return found
+
+
+def is_problem(answer, status, kind):
+    assert answer.status_code == status, answer.text
+    assert answer.headers["content-type"] == PROBLEM
+    said = answer.json()
+    assert said["type"] == f"urn:depthsr:problem:{kind}"
+    assert said["status"] == status
+    assert said["title"]
+    assert said["detail"]
+    return said
+
+
+def test_a_job_is_taken_followed_and_done(api, done):
+    job = api.get(f"/api/v1/jobs/{done}").json()
+    assert (job["state"], job["frames_done"], job["frames_total"]) == ("succeeded", 2, 2)
+    events = api.get(f"/api/v1/jobs/{done}/events").json()
+    kinds = [item["kind"] for item in events["events"]]
+    assert kinds[:2] == ["queued", "running"]
+    assert kinds[-1] == "succeeded"
+    assert kinds.count("FrameFinished") == 2
+    assert [item["sequence"] for item in events["events"]] == list(range(1, len(kinds) + 1))
+
+
+def test_events_are_replayed_from_the_last_one_seen(api, done):
+    whole = follow(api, done)
+    rest = follow(api, done, **{"Last-Event-ID": "3"})
+    assert rest == whole[3:]
+    page = api.get(f"/api/v1/jobs/{done}/events", params={"after": 3, "limit": 2}).json()
+    assert page["events"] == whole[3:5]
+    assert page["last"] == 5
+
+
+def test_results_by_ranges_tags_and_heads(api, done):
+    listed = {item["name"]: item for item in api.get(f"/api/v1/jobs/{done}/results").json()}
+    assert set(listed) == {"tiny_3D_SBS_LR.mkv", "report.json"}
+    video = listed["tiny_3D_SBS_LR.mkv"]
+    whole = api.get(video["url"])
+    assert len(whole.content) == video["size"]
+    assert whole.headers["content-type"] == "video/x-matroska"
+    part = api.get(video["url"], headers={"Range": "bytes=10-19"})
+    assert (part.status_code, part.content) == (206, whole.content[10:20])
+    is_problem(
+        api.get(video["url"], headers={"Range": "bytes=99999999-"}), 416, "range-not-satisfiable"
+    )
+    tag = whole.headers["etag"]
+    assert api.get(video["url"], headers={"If-None-Match": tag}).status_code == 304
+    head = api.head(video["url"])
+    assert (head.status_code, head.content) == (200, b"")
+    assert int(head.headers["content-length"]) == video["size"]
+    is_problem(api.get(f"/api/v1/jobs/{done}/results/..%2f..%2fservice.sqlite"), 404, "not-found")
+    assert api.get(f"/api/v1/jobs/{done}/logs").status_code == 200
+
+
+def test_a_job_unchanged_is_not_sent_again(api, done):
+    for where in (f"/api/v1/jobs/{done}", "/api/v1/jobs?state=succeeded"):
+        first = api.get(where)
+        assert api.head(where).status_code == 200
+        again = api.get(where, headers={"If-None-Match": first.headers["etag"]})
+        assert (again.status_code, again.content) == (304, b"")
+
+
+def test_multipart_upload_is_a_job(api, tiny_scene):
+    names = [path for path in sorted(tiny_scene.rglob("*")) if path.is_file()]
+    files = [("files", (p.relative_to(tiny_scene).as_posix(), p.read_bytes())) for p in names]
+    body = {"input": {"frames": "0:1"}, "output": {"container": "mp4"}}
+    answer = api.post("/api/v1/jobs", files=files, data={"job": json.dumps(body)})
+    assert answer.status_code == 202, answer.text
+    assert answer.headers["location"] == f"/api/v1/jobs/{answer.json()['id']}"
+    assert follow(api, answer.json()["id"])[-1]["kind"] == "succeeded"
+    results = api.get(answer.json()["links"]["results"]).json()
+    assert "scene_3D_SBS_LR.mp4" in {item["name"] for item in results}
+
+
+def test_foreign_tus_client_resumes_and_the_upload_becomes_a_job(api, live_service, tiny_scene):
+    from tusclient.client import TusClient
+
+    tus = TusClient(f"{live_service.url}/api/v1/uploads")
+    uploads = {}
+    for path in sorted(tiny_scene.rglob("*")):
+        if path.is_file():
+            with path.open("rb") as file:
+                named = {"filename": path.name}
+                uploader = tus.uploader(file_stream=file, chunk_size=1000, metadata=named)
+                uploader.upload_chunk()  # cut off after the first piece
+                again = tus.uploader(file_stream=file, chunk_size=1 << 20, url=uploader.url)
+                assert again.offset == min(1000, path.stat().st_size)
+                again.upload()
+            uploads[path.relative_to(tiny_scene).as_posix()] = uploader.url.rsplit("/", 1)[1]
+    body = {"uploads": uploads, "input": {"frames": "1:2"}}
+    answer = api.post("/api/v1/jobs", json=body)
+    assert answer.status_code == 202, answer.text
+    assert follow(api, answer.json()["id"])[-1]["kind"] == "succeeded"
+
+
+TUS = {"Tus-Resumable": "1.0.0"}
+
+
+def test_tus_by_hand(api):
+    name = base64.b64encode(b"a.bin").decode()
+    made = api.post(
+        "/api/v1/uploads",
+        headers={**TUS, "Upload-Length": "5", "Upload-Metadata": f"filename {name}"},
+    )
+    assert made.status_code == 201
+    where = made.headers["location"]
+    kind = {"Content-Type": "application/offset+octet-stream"}
+    patch = api.patch(where, headers={**TUS, **kind, "Upload-Offset": "0"}, content=b"abc")
+    assert (patch.status_code, patch.headers["upload-offset"]) == (204, "3")
+    is_problem(
+        api.patch(where, headers={**TUS, **kind, "Upload-Offset": "0"}, content=b"abc"),
+        409, "conflict",
+    )  # fmt: skip
+    is_problem(
+        api.patch(where, headers={**TUS, **kind, "Upload-Offset": "3"}, content=b"defg"),
+        413, "too-large",
+    )  # fmt: skip
+    assert api.head(where, headers=TUS).headers["upload-offset"] == "3"
+    is_problem(api.post("/api/v1/jobs", json={"uploads": {"a.bin": where[-32:]}}), 409, "conflict")
+    is_problem(
+        api.post("/api/v1/uploads", headers={"Upload-Length": "5"}), 412, "precondition-failed"
+    )
+    assert api.delete(where, headers=TUS).status_code == 204
+    assert api.head(where, headers=TUS).status_code == 404
+
+
+@pytest.mark.parametrize("name", ["../up.png", "/abs.png", "a/../../b", ".hidden", "a\\b"])
+def test_names_that_leave_their_folder_are_refused(api, name):
+    answer = api.post("/api/v1/jobs", files=[("files", (name, b"x"))])
+    is_problem(answer, 422, "invalid")
+    meta = f"filename {base64.b64encode(name.encode()).decode()}"
+    made = api.post(
+        "/api/v1/uploads", headers={**TUS, "Upload-Length": "1", "Upload-Metadata": meta}
+    )
+    is_problem(made, 422, "invalid")
+
+
+def test_a_bomb_is_refused_before_it_is_decoded(api):
+    bomb = bytes.fromhex("89504e470d0a1a0a0000000d4948445200100000001000000802000000")
+    is_problem(api.post("/api/v1/jobs", files=[("files", ("left.png", bomb))]), 413, "too-large")
+
+
+@pytest.mark.parametrize(
+    "scene", ["../../etc", "/etc/passwd", "nothing", "tiny/../../..", "", "\0", "a" * 5000]
+)
+def test_scenes_outside_the_roots_are_not_found(api, scene, tiny_scene):
+    if scene == "":  # the root itself: nothing to read there, and the worker says so
+        return
+    is_problem(api.post("/api/v1/jobs", json={"scene": scene}), 422, "invalid")
+
+
+def test_a_link_that_leads_out_of_the_root_is_not_followed(api, tiny_scene):
+    link = tiny_scene.parent / "way-out"
+    link.symlink_to("/etc")
+    try:
+        is_problem(api.post("/api/v1/jobs", json={"scene": "way-out/passwd"}), 422, "invalid")
+    finally:
+        link.unlink()
+
+
+def test_a_key_makes_one_job_and_no_other_request_may_use_it(api):
+    body = {"scene": "tiny", "input": {"frames": ":1"}}
+    headers = {"Idempotency-Key": "once"}
+    first = api.post("/api/v1/jobs", json=body, headers=headers).json()
+    again = api.post("/api/v1/jobs", json=body, headers=headers)
+    assert (again.status_code, again.json()["id"]) == (202, first["id"])
+    is_problem(
+        api.post("/api/v1/jobs", json={**body, "priority": 1}, headers=headers), 422, "key-reused"
+    )
+    follow(api, first["id"])
+
+
+def test_one_job_of_many_requests_with_one_key(api, live_service):
+    body = {"scene": "tiny", "input": {"frames": ":1"}}
+    answers = []
+
+    def send():
+        with httpx.Client(base_url=live_service.url, timeout=60) as client:
+            answers.append(
+                client.post("/api/v1/jobs", json=body, headers={"Idempotency-Key": "rush"})
+            )
+
+    threads = [threading.Thread(target=send) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert {answer.status_code for answer in answers} <= {202, 409}
+    ids = {answer.json()["id"] for answer in answers if answer.status_code == 202}
+    assert len(ids) == 1
+    follow(api, ids.pop())
+
+
+def test_a_scene_that_cannot_be_read_fails_with_its_reason(api):
+    job = api.post("/api/v1/jobs", files=[("files", ("scene.json", b'{"format": 1}'))]).json()["id"]
+    last = follow(api, job)[-1]
+    assert last["kind"] == "failed"
+    job = api.get(f"/api/v1/jobs/{job}").json()
+    assert job["problem"]["type"] == "urn:depthsr:problem:scene-error"
+    assert job["attempt"] == 1
+    assert "/data/jobs/" not in job["problem"]["detail"]
+
+
+def test_cancel_retry_delete(api):
+    body = {"scene": "tiny", "output": {"segment_length": 1}, "priority": -1}
+    job = api.post("/api/v1/jobs", json=body).json()["id"]
+    where = f"/api/v1/jobs/{job}"
+    is_problem(api.delete(where), 409, "conflict")
+    assert api.post(f"{where}/cancel").json()["state"] in ("cancelling", "cancelled")
+    assert follow(api, job)[-1]["kind"] == "cancelled"
+    assert api.post(f"{where}/cancel").status_code == 202
+    assert api.post(f"{where}/retry").json()["state"] == "queued"
+    assert follow(api, job)[-1]["kind"] in ("cancelled", "succeeded")
+    while api.get(where).json()["state"] not in ("succeeded", "cancelled"):
+        follow(api, job, **{"Last-Event-ID": "9999"})
+    assert api.get(where).json()["state"] == "succeeded"
+    is_problem(api.post(f"{where}/retry"), 409, "conflict")
+    assert api.delete(where).status_code == 204
+    is_problem(api.get(where), 404, "not-found")
+
+
+def test_pages_follow_each_other(api, done):
+    seen, where = [], "/api/v1/jobs?limit=2"
+    while where:
+        page = api.get(where).json()
+        assert len(page["jobs"]) <= 2
+        seen += [job["id"] for job in page["jobs"]]
+        where = page["next"]
+    assert done in seen
+    assert len(seen) == len(set(seen))
+
+
+BAD_SWEEPS = {"scene": "tiny", "settings": {"sweeps": 0}}
+ELSEWHERE = {"Origin": "http://evil.example"}
+
+
+@pytest.mark.parametrize(
+    ("method", "where", "options", "status", "kind"),
+    [
+        ("GET", "/api/v1/nothing", {}, 404, "not-found"),
+        ("PUT", "/api/v1/jobs", {}, 405, "method-not-allowed"),
+        ("POST", "/api/v1/jobs", {"content": b"x"}, 415, "unsupported-media-type"),
+        ("POST", "/api/v1/jobs", {"json": {"unheard": 1}}, 422, "invalid"),
+        ("POST", "/api/v1/jobs", {"json": BAD_SWEEPS}, 422, "configuration-error"),
+        ("GET", "/api/v1/jobs?limit=0", {}, 422, "invalid"),
+        ("POST", "/api/v1/jobs", {"json": {"scene": "x" * 2_000_000}}, 413, "too-large"),
+        ("POST", "/api/v1/jobs", {"headers": ELSEWHERE, "json": {}}, 403, "forbidden"),
+    ],
+)  # fmt: skip
+def test_problems(api, method, where, options, status, kind):
+    is_problem(api.request(method, where, **options), status, kind)
+
+
+def test_a_long_body_without_a_length_is_cut_off(api):
+    def endless():
+        yield b'{"scene": "'
+        for _ in range(40):
+            yield b"x" * 65536
+
+    headers = {"Content-Type": "application/json"}
+    is_problem(api.post("/api/v1/jobs", content=endless(), headers=headers), 413, "too-large")
+
+
+def test_health_metrics_and_headers(api, done):
+    assert api.get("/healthz").json() == {"status": "ok"}
+    assert api.get("/readyz").json() == {"status": "ok"}
+    numbers = api.get("/metrics").text
+    assert 'depthsr_jobs{state="succeeded"}' in numbers
+    assert "depthsr_frames_total" in numbers
+    headers = api.get("/api/v1/jobs").headers
+    assert headers["x-content-type-options"] == "nosniff"
+    assert "default-src 'self'" in headers["content-security-policy"]
+    assert "access-control-allow-origin" not in headers
+    assert "server" not in headers
+
+
+def test_the_schema_of_a_job_is_that_of_run(api):
+    schema = api.get("/api/v1/settings-schema").json()
+    assert "psf_sigma" in schema["$defs"]["Settings"]["properties"]
+    assert Path(schema["$defs"]["Settings"]["title"]).name == "Settings"

@@ -1,0 +1,190 @@
+"""Whole journeys with real processes: what is killed, cut off or full is found again."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.client import Client, ServiceError
+
+KILLS = 20
+SEGMENT = {"output": {"segment_length": 2}}
+
+
+def _run(*words: str, timeout: float = 120) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "service", *words],
+        capture_output=True, text=True, timeout=timeout, check=False,
+    )  # fmt: skip
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tiny_scene, tmp_path_factory) -> str:
+    """Digest of what ``depthsr run`` makes of the scene."""
+    target = tmp_path_factory.mktemp("run") / "out.mkv"
+    done = _run("run", str(tiny_scene), "-o", str(target), "--segment-length", "2", "-q")
+    assert done.returncode == 0, done.stderr
+    return _digest(target)
+
+
+def test_submit_watches_and_fetches_what_run_would_have_made(
+    live_service, tiny_scene, undisturbed, tmp_path
+):
+    target = tmp_path / "out.mkv"
+    done = _run(
+        "submit", str(tiny_scene), "--server", live_service.url, "--watch",
+        "--segment-length", "2", "-o", str(target),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "frame 6 of 6" in done.stderr
+    assert _digest(target) == undisturbed
+
+
+def test_submit_says_in_one_line_what_went_wrong(live_service, tmp_path):
+    (tmp_path / "scene.json").write_text("{}")
+    done = _run(
+        "submit", str(tmp_path), "--server", live_service.url, "-o", str(tmp_path / "o.mkv")
+    )
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert "failed" in done.stderr
+    done = _run("submit", str(tmp_path), "--server", "http://127.0.0.1:9")
+    assert done.returncode == 1
+    assert "is not there" in done.stderr
+
+
+def _worker_of(service) -> int | None:
+    """Return a process id among the children of the service."""
+    listed = Path(f"/proc/{service.process.pid}/task")
+    for task in listed.iterdir():
+        try:
+            children = (task / "children").read_text().split()
+        except OSError:
+            continue
+        if children:
+            return int(children[0])
+    return None
+
+
+def test_killed_at_random_moments_the_result_is_the_same(
+    make_service, tiny_scene, undisturbed, tmp_path
+):
+    """Kill the service or its worker again and again while jobs run; nothing is lost."""
+    chance = random.Random(20261123)
+    options = ("--roots", str(tiny_scene.parent), "--max-attempts", "100")
+    service = make_service(*options)
+    with httpx.Client(base_url=service.url) as api:
+        jobs = [
+            api.post("/api/v1/jobs", json={"scene": "tiny", **SEGMENT}).json()["id"]
+            for _ in range(3)
+        ]
+    for _ in range(KILLS):
+        moment = threading.Event()  # never set: a wait with an end
+        moment.wait(chance.uniform(0.0, 1.2))
+        worker = _worker_of(service)
+        if chance.random() < 0.5 and worker is not None:
+            try:
+                os.kill(worker, signal.SIGKILL)
+            except ProcessLookupError:
+                continue
+        else:
+            service.end(signal.SIGKILL)
+            service = make_service(*options, data=service.data)
+    begun = 0
+    with Client(service.url) as client:
+        for job in jobs:
+            kinds = [event.kind for event in client.events(job)]
+            assert kinds.count("succeeded") == 1
+            begun += kinds.count("running")
+            assert client.job(job).state == "succeeded"
+            (video,) = [item for item in client.results(job) if item.name.endswith(".mkv")]
+            client.download(video, tmp_path / "out.mkv")
+            assert _digest(tmp_path / "out.mkv") == undisturbed
+    assert begun > len(jobs) + 3  # the kills did hit work
+    assert service.end() in (0, -signal.SIGTERM)
+    for job in jobs:
+        results = service.data / "jobs" / job / "results"
+        assert {path.name for path in results.iterdir()} == {"tiny_3D_SBS_LR.mkv", "report.json"}
+    with sqlite3.connect(service.data / "service.sqlite") as db:
+        assert db.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+    db.close()
+
+
+def test_a_hung_worker_is_replaced(make_service, tiny_scene):
+    service = make_service("--roots", str(tiny_scene.parent), "--lease", "4")
+    with Client(service.url) as client:
+        job = client.submit({"scene": "tiny", **SEGMENT})
+        stopped = False
+        for event in client.events(job.id):
+            if event.kind == "FrameFinished" and not stopped:
+                os.kill(_worker_of(service), signal.SIGSTOP)
+                stopped = True
+        assert stopped
+        assert client.job(job.id).state == "succeeded"
+        assert client.job(job.id).attempt == 2
+
+
+def test_it_ends_in_time_with_a_stream_open(make_service, tiny_scene):
+    service = make_service("--roots", str(tiny_scene.parent), "--workers", "0", "--grace", "3")
+    with httpx.Client(base_url=service.url, timeout=30) as api:
+        job = api.post("/api/v1/jobs", json={"scene": "tiny"}).json()["id"]
+        headers = {"Accept": "text/event-stream"}
+        with api.stream("GET", f"/api/v1/jobs/{job}/events", headers=headers) as stream:
+            lines = stream.iter_lines()
+            while not next(lines).startswith("data: "):
+                pass
+            begin = time.monotonic()
+            assert service.end(timeout=10) in (0, -signal.SIGTERM)
+            assert time.monotonic() - begin < 4
+            list(lines)
+
+
+def test_a_full_disk_fails_the_job_and_the_service_lives(make_service, tiny_scene, tmp_path):
+    """On a file system of 8 MiB that fills up while the job runs."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", str(disk)]
+    if subprocess.run(mount, capture_output=True, check=False).returncode != 0:
+        pytest.skip("mounting a small file system needs privileges")
+    try:
+        options = ("--roots", str(tiny_scene.parent), "--disk-reserve", "4")
+        service = make_service(*options, data=disk / "data")
+        with Client(service.url) as client:
+            job = client.submit({"scene": "tiny", **SEGMENT})
+            kinds = []
+            for event in client.events(job.id):
+                kinds.append(event.kind)
+                if event.kind == "FrameFinished" and "full" not in kinds:
+                    kinds.append("full")
+                    os.kill(_worker_of(service), signal.SIGSTOP)  # it shall not be done first
+                    ballast = os.open(disk / "ballast", os.O_CREAT | os.O_WRONLY)
+                    os.posix_fallocate(ballast, 0, 7 << 20)
+                    os.close(ballast)
+            assert kinds[-1] == "failed"
+            assert client.job(job.id).problem["type"] == "urn:depthsr:problem:disk-full"
+            assert httpx.get(f"{service.url}/readyz").status_code == 503
+            with pytest.raises(ServiceError, match="507"):
+                client.submit({"scene": "tiny"})
+            (disk / "ballast").unlink()
+            client.retry(job.id)
+            rest = [event.kind for event in client.events(job.id, after=len(kinds) - 1)]
+            assert rest[-1] == "succeeded"
+            assert httpx.get(f"{service.url}/readyz").status_code == 200
+        service.end()
+    finally:
+        subprocess.run(["umount", "-l", str(disk)], check=False)
