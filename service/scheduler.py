@@ -292,8 +292,10 @@ class _Worker:
         elif self._cancelled:
             store.act(record.id, Action.STOPPED, attempt=record.attempt)
         else:
-            limit = self._scheduler.config.max_attempts
-            lose(store, record.id, 1 << 30 if self._stopping else limit)
+            if self._stopping:  # together with the service: not the job's fault
+                store.act(record.id, Action.LOSE, attempt=record.attempt)
+            else:
+                lose(store, record.id, self._scheduler.config.max_attempts)
         log.info("worker ended", extra={"job": record.id, "said": said or "nothing"})
 
 
@@ -302,17 +304,17 @@ def lose(store: Store, job_id: str, max_attempts: int) -> None:
     record = store.job(job_id)
     if record is None:
         return
-    if record.state is State.RUNNING and record.attempt >= max_attempts:
-        detail = f"the worker died or hung {record.attempt} times; see the job's log"
+    if record.state is State.RUNNING and record.crashes + 1 >= max_attempts:
+        detail = f"the worker died or hung {max_attempts} times; see the job's log"
         store.act(job_id, Action.FAIL, problem=problem("worker-lost", detail))
     else:
-        store.act(job_id, Action.LOSE)
+        store.act(job_id, Action.LOSE, crashed=True)
 
 
 def sweep(store: Store) -> None:
     """At start: queue what was running, and remove what belongs to no job.
 
-    An end of the service is not the job's fault: it does not count as an attempt too many.
+    An end of the service is not the job's fault: it does not count as a crash.
     """
     for record in store.jobs(states=(State.RUNNING, State.CANCELLING), limit=1 << 30):
         store.act(record.id, Action.LOSE)

@@ -72,6 +72,7 @@ MIGRATIONS = (
         created REAL NOT NULL
     ) WITHOUT ROWID;
     """,
+    "ALTER TABLE job ADD COLUMN crashes INTEGER NOT NULL DEFAULT 0;",
 )
 """One script for each step of ``PRAGMA user_version``."""
 
@@ -97,6 +98,8 @@ class JobRecord:
     problem: Mapping[str, Any] | None
     version: int
     """Grows with every change."""
+    crashes: int
+    """Workers that died or hung over it since it was last asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -308,6 +311,7 @@ class Store:
         action: Action,
         *,
         attempt: int | None = None,
+        crashed: bool = False,
         problem: Mapping[str, Any] | None = None,
         data: Mapping[str, Any] | None = None,
     ) -> JobRecord:
@@ -329,12 +333,12 @@ class Store:
                 return record
             db.execute(
                 "UPDATE job SET state = ?, problem = ?, version = version + 1, lease_until = NULL,"
-                " finished = ?, attempt = ? WHERE id = ?",
+                " finished = ?, crashes = ? WHERE id = ?",
                 (
                     state,
                     None if problem is None else json.dumps(problem),
                     self._clock() if state.is_final else None,
-                    0 if action is Action.RETRY else record.attempt,
+                    0 if action is Action.RETRY else record.crashes + crashed,
                     job_id,
                 ),
             )

@@ -86,7 +86,7 @@ def test_killed_at_random_moments_the_result_is_the_same(
 ):
     """Kill the service or its worker again and again while jobs run; nothing is lost."""
     chance = random.Random(20261123)
-    options = ("--roots", str(tiny_scene.parent), "--max-attempts", "100")
+    options = ("--roots", str(tiny_scene.parent), "--max-attempts", "100")  # of worker kills
     service = make_service(*options)
     with httpx.Client(base_url=service.url) as api:
         jobs = [

@@ -109,7 +109,7 @@ def test_lost_too_often_is_failed_with_a_problem(store):
     found = store.job(job.id)
     assert found.state is State.FAILED
     assert found.problem["type"].endswith("worker-lost")
-    assert store.act(job.id, Action.RETRY).attempt == 0
+    assert store.act(job.id, Action.RETRY).crashes == 0
 
 
 def test_nothing_is_left_running_after_a_start(store):
@@ -120,6 +120,7 @@ def test_nothing_is_left_running_after_a_start(store):
     (store.folder / "jobs" / "orphan").mkdir(parents=True)
     sweep(store)
     assert store.job(running.id).state is State.QUEUED
+    assert store.job(running.id).crashes == 0
     assert store.job(cancelling.id).state is State.CANCELLED
     assert not (store.folder / "jobs" / "orphan").exists()
 
