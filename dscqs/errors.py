@@ -4,6 +4,7 @@
 
     DscqsError
     ├── PlanError      the plan contradicts itself or lacks something
+    ├── VotesError     votes cannot be read, or contradict one another
     ├── OrderError     a request does not fit the present step of the session
     ├── NotFound       there is no such test, session or stimulus
     └── UsedUp         a link or address that works once was used before
@@ -29,6 +30,34 @@ class PlanError(DscqsError):
 
     code = "plan-error"
     exit_status = 2
+
+
+class VotesError(DscqsError):
+    """The votes cannot be read; the message names file, line and column where known."""
+
+    code = "votes-error"
+    exit_status = 2
+
+    def __init__(
+        self,
+        message: str | None = None,
+        *,
+        path: object = None,
+        line: int | None = None,
+        column: str | None = None,
+    ) -> None:
+        self.said = message or str(self.__class__.__doc__)
+        self.column = column
+        where = [
+            *([f"{path}"] if path is not None else []),
+            *([f"line {line}"] if line is not None else []),
+            *([f"column {column!r}"] if column is not None else []),
+        ]
+        super().__init__(f"{', '.join(where)}: {self.said}" if where else self.said)
+
+    def at(self, *, path: object, line: int | None = None) -> VotesError:
+        """Return the same error with the place where it was found."""
+        return VotesError(self.said, path=path, line=line, column=self.column)
 
 
 class OrderError(DscqsError):
