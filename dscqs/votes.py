@@ -195,7 +195,7 @@ def read_csv(path: Path) -> VoteTable:
 
 def parse_csv(text: str, *, name: str = "votes") -> VoteTable:
     """Return the votes of the text of a tidy CSV file, as :func:`read_csv` does."""
-    lines = text.splitlines(keepends=True)
+    lines = list(io.StringIO(text, newline=""))  # \n, \r\n and \r end a line, nothing else
     skipped = 0
     while skipped < len(lines) and (not lines[skipped].strip() or lines[skipped][0] == "#"):
         skipped += 1

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from service.cli_serve import add_serve
+from service.cli_dscqs import add_dscqs
 from service.console import EXIT_DONE, EXIT_FAILURE, EXIT_USAGE, one_line, report_error
 from service.numba_cache import prepare_numba_cache
 
@@ -81,6 +82,7 @@ def make_parser() -> Parser:
     _add_demo(commands)
     _add_compile(commands)
     add_serve(commands)
+    add_dscqs(commands)
     version = commands.add_parser("version", help="print the versions of everything that matters")
     version.set_defaults(command=_run_version)
     return parser

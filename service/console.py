@@ -6,6 +6,7 @@ import sys
 import traceback
 from typing import TextIO
 
+from dscqs.errors import DscqsError
 from pipeline.errors import Interrupted, PipelineError
 
 EXIT_DONE = 0
@@ -28,7 +29,7 @@ def report_error(error: BaseException, *, verbose: bool, stream: TextIO | None =
     if isinstance(error, (KeyboardInterrupt, Interrupted)):
         stream.write("depthsr: interrupted; a run with --resume goes on from what is finished\n")
         return EXIT_INTERRUPTED
-    if isinstance(error, PipelineError):
+    if isinstance(error, (PipelineError, DscqsError)):
         stream.write(f"depthsr: error: {one_line(str(error))}\n")
         return error.exit_status
     if isinstance(error, MemoryError):
