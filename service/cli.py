@@ -24,8 +24,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from service.cli_serve import add_serve
 from service.cli_dscqs import add_dscqs
+from service.cli_serve import add_serve
 from service.console import EXIT_DONE, EXIT_FAILURE, EXIT_USAGE, one_line, report_error
 from service.numba_cache import prepare_numba_cache
 
