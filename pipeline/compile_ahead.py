@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pipeline.config import REGISTRATION_PRESETS, Settings, Solver
+from pipeline.psf_search import search_psf
+from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.superresolve import superresolve
 from pipeline.synthetic import SampleScene
 
@@ -42,7 +44,14 @@ def compile_kernels(on_step: Callable[[str], None] = lambda _: None) -> int:
     kinds = kinds_of_settings()
     for name, settings in kinds.items():
         on_step(name)
-        superresolve(frame, settings, targets=(frame.left, frame.right), keep_intermediates=True)
+        psf = None
+        if settings.psf == "auto":
+            curve = search_psf(frame, settings)[0]
+            psf = GaussianPsf.of(curve.sigma, curve.support)
+        superresolve(
+            frame, settings,
+            targets=(frame.left, frame.right), psf=psf, keep_intermediates=True,
+        )  # fmt: skip
     on_step("a single view")
     superresolve(frame, Settings(), targets=(frame.left,), observed_views=(frame.left,))
     return len(kinds) + 2

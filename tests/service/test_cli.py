@@ -264,3 +264,9 @@ def test_a_terminal_without_unicode_is_served(scene):
     done = depthsr("probe", scene, env=environment)
     assert (done.returncode, done.stderr) == (0, "")
     assert f"{WIDTH}\\xd7{HEIGHT}" in done.stdout
+
+
+def test_kernels_can_be_compiled_ahead(capsys):
+    """What the container's build runs; estimating the PSF has kernels of its own."""
+    assert main(["compile", "--quiet"]) == 0
+    assert "error" not in capsys.readouterr().err
