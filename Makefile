@@ -53,13 +53,19 @@ $(DEV): requirements-dev.lock $(RUN)
 	$(PIP) install --require-hashes -r requirements-dev.lock
 	@touch $@
 
-# ffprobe is the second opinion on the files that we write.
+# What the tests ask for a second opinion: players and probes of other projects, a real browser.
+SYSTEM_TOOLS := ffprobe chromium mpv mediainfo
+SYSTEM_PACKAGES := ffmpeg chromium mpv mediainfo fonts-dejavu-core fonts-noto-cjk
+
 system:
-	@if command -v ffprobe >/dev/null; then :; \
+	@missing=""; for tool in $(SYSTEM_TOOLS); do \
+		command -v $$tool >/dev/null || missing="$$missing $$tool"; \
+	done; \
+	if [ -z "$$missing" ]; then :; \
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 		apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
-			apt-get install -y -qq --no-install-recommends ffmpeg >/dev/null; \
-	else echo "ffprobe is missing (package ffmpeg): the tests that need it are skipped"; fi
+			apt-get install -y -qq --no-install-recommends $(SYSTEM_PACKAGES) >/dev/null; \
+	else echo "missing:$$missing (packages $(SYSTEM_PACKAGES)): tests that need them are skipped"; fi
 
 lock:
 	for extra in "" "-dev"; do \
