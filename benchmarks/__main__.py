@@ -41,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
     print()
     print(result.table().as_text())
     print()
-    from benchmarks.floors import verdict_table
+    from pipeline.evaluation.floors import verdict_table
 
     print(verdict_table(result.verdicts).as_text())
     if options.json is not None:
@@ -59,8 +59,8 @@ def load_of(result: Any) -> str:
 
 def page(result: Any) -> str:
     """Return the page of the result, Markdown."""
-    from benchmarks.floors import verdict_table
     from benchmarks.machine import described, today
+    from pipeline.evaluation.floors import verdict_table
 
     plan = result.plan
     command = "python -m benchmarks" + ("" if plan.threads == 2 else f" --threads {plan.threads}")

@@ -60,7 +60,7 @@ def kept_cells(path: Path | None, code: str, resume: bool) -> Cells:
 
 def code_digest(folder: Path | None) -> str:
     """Return a digest of the pipeline's source, the versions, and the files of the scenes."""
-    from benchmarks.set1 import SCENES
+    from pipeline.evaluation.cells import SCENES
     from pipeline.report import versions
 
     digest = hashlib.sha256(repr(sorted(versions().items())).encode())
@@ -96,9 +96,9 @@ def main(arguments: list[str] | None = None) -> int:
     prepare_numba_cache()  # before anything imports numba
 
     from benchmarks.machine import described, today
-    from benchmarks.set1 import scenes_folder
     from benchmarks.speed import stderr_note
     from pipeline.config import Settings
+    from pipeline.evaluation.cells import scenes_folder
     from pipeline.media.files import check_writable, write_atomic
     from pipeline.threads import set_threads
 
@@ -167,8 +167,8 @@ more than half a pixel off, *hidden* verified pixels that the eye does not see.
 
 
 def set1_part(folder: Path, cells: Cells, settings: Any, note: Callable[[str], None]) -> Part:
-    from benchmarks import set1
-    from benchmarks.floors import Set1Cell, set1_floors, verdict_table
+    from pipeline.evaluation import cells as set1
+    from pipeline.evaluation.floors import Set1Cell, set1_floors, verdict_table
 
     found = []
     frames: dict[str, Any] = {}
@@ -200,8 +200,8 @@ def rendered_part(
     note: Callable[[str], None],
     cases: Sequence[Any] | None = None,
 ) -> Part:
-    from benchmarks import rendered
-    from benchmarks.floors import rendered_floors, verdict_table
+    from pipeline.evaluation import rendered
+    from pipeline.evaluation.floors import rendered_floors, verdict_table
 
     found = []
     scenes: dict[tuple[Any, ...], Any] = {}

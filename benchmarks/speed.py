@@ -19,12 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import tables
-from benchmarks.floors import SpeedFigures, Verdict, fitted_exponent, speed_floors
+from benchmarks.floors import SpeedFigures, fitted_exponent, speed_floors
 from benchmarks.machine import load_average
 from benchmarks.memory import bench_settings, peak_of, save_frame
 from benchmarks.unit import BicubicUnit, Measured, Timed, measure
 from pipeline.config import Settings, Solver
+from pipeline.evaluation import tables
+from pipeline.evaluation.floors import Verdict
+from pipeline.evaluation.methods import middle_views
 from pipeline.frames import GreyImage, MultiViewFrame
 from pipeline.metrics import psnr
 from pipeline.results import FrameResult
@@ -247,15 +249,6 @@ def _psnr(result: FrameResult, frame: MultiViewFrame, truth: Sequence[GreyImage]
         for eye, picture in zip((frame.left, frame.right), truth, strict=True)
     ]
     return float(np.mean(values))
-
-
-def middle_views(frame: MultiViewFrame, count: int) -> MultiViewFrame:
-    """Return the frame with so many of its views, those around the stereo pair."""
-    names = [view.view_id for view in frame.views]
-    middle = (names.index(frame.left) + names.index(frame.right)) / 2
-    order = sorted(range(len(names)), key=lambda number: abs(number - middle))
-    kept = sorted(order[:count])
-    return replace(frame, views=tuple(frame.views[number] for number in kept))
 
 
 class _Bench:

@@ -143,12 +143,7 @@ def evaluate_set1(
     for method in methods:
         if method not in METHODS and method not in BASELINES:
             raise ConfigurationError(f"unknown method {method!r}")
-    degraded = degrade_frame(frame, degradation)
-    if any(view.depth_map is None for view in degraded.frame.views):
-        lr_views = estimate_missing_depth(
-            list(degraded.frame.views), depth_is_metric=frame.depth_is_metric
-        )
-        degraded = replace(degraded, frame=replace(degraded.frame, views=tuple(lr_views)))
+    degraded = degraded_input(frame, degradation)
     grid = degradation.grid
     hr_shape = grid.hr_shape(degraded.frame.lr_shape)
     if min(hr_shape) - 2 * border < SSIM_WINDOW:
@@ -156,14 +151,7 @@ def evaluate_set1(
             f"the scene is {hr_shape[1]}×{hr_shape[0]}: too small to leave out a border of "
             f"{border} HR pixels and measure"
         )
-    base = replace(
-        settings or Settings(),
-        magnification=_magnification(degradation),
-        sampling="decimation",
-        psf="given",
-        psf_sigma=degradation.psf_sigma,
-        psf_support=degradation.psf_support,
-    )
+    base = settings_of(degradation, settings or Settings())
     scores: list[Score] = []
     reports: list[tuple[str, str, FrameReport]] = []
     for view_id in targets:
@@ -172,7 +160,7 @@ def evaluate_set1(
         for method in methods:
             on_method(view_id, method)
             begin = time.perf_counter()
-            image, report = _run(method, degraded, base, view_id, superresolve)
+            image, report = run_method(method, degraded, base, view_id, superresolve=superresolve)
             seconds = time.perf_counter() - begin
             eight_bit = np.clip(np.rint(image), 0, 255)
             of_view.append(
@@ -240,13 +228,38 @@ def format_table(result: Set1Result) -> str:
     return "\n".join(lines)
 
 
-def _run(
+def degraded_input(frame: MultiViewFrame, degradation: Degradation) -> DegradedFrame:
+    """Return the LR frame of Set 1 and its truth; missing depth is estimated from the LR views."""
+    degraded = degrade_frame(frame, degradation)
+    if all(view.depth_map is not None for view in degraded.frame.views):
+        return degraded
+    lr_views = estimate_missing_depth(
+        list(degraded.frame.views), depth_is_metric=frame.depth_is_metric
+    )
+    return replace(degraded, frame=replace(degraded.frame, views=tuple(lr_views)))
+
+
+def settings_of(degradation: Degradation, settings: Settings) -> Settings:
+    """Return the settings with the grid and the PSF of the degradation."""
+    return replace(
+        settings,
+        magnification=_magnification(degradation),
+        sampling="decimation",
+        psf="given",
+        psf_sigma=degradation.psf_sigma,
+        psf_support=degradation.psf_support,
+    )
+
+
+def run_method(
     method: str,
     degraded: DegradedFrame,
     settings: Settings,
     view_id: str,
-    superresolve: Callable[..., Any],
+    *,
+    superresolve: Callable[..., Any] = superresolve,
 ) -> tuple[npt.NDArray[np.float32], FrameReport | None]:
+    """Return what a method makes of one view, (K·H, K·W), and its report if it has one."""
     if method in BASELINES:
         return BASELINES[method](degraded.frame.view(view_id).luma, settings.grid), None
     observed_views = (view_id,) if method == SINGLE_VIEW else None

@@ -12,14 +12,18 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the benchmarks are not installed
 
-from benchmarks import floors, quality, rendered, set1
+from benchmarks import floors, quality
 from benchmarks.__main__ import main
-from benchmarks.floors import RenderedCase, Set1Cell, SpeedFigures
+from benchmarks.floors import SpeedFigures
 from benchmarks.memory import load_frame, save_frame
-from benchmarks.speed import middle_views
-from benchmarks.tables import Table, signed
 from benchmarks.unit import Measured, Timed, share_of_others
 from pipeline.config import Settings
+from pipeline.evaluation import cells as set1
+from pipeline.evaluation import floors as quality_floors
+from pipeline.evaluation import rendered
+from pipeline.evaluation.floors import RenderedCase, Set1Cell
+from pipeline.evaluation.methods import middle_views
+from pipeline.evaluation.tables import Table, signed
 from pipeline.synthetic import SampleScene
 
 GOOD = SpeedFigures(
@@ -88,11 +92,11 @@ def test_floors_of_set1():
     cells = [
         _cell(scene, sigma, noise) for scene in set1.SCENES for sigma, noise in set1.conditions()
     ]
-    assert _words(floors.set1_floors(cells)) == ["met"] * 10
-    assert _words(floors.set1_floors([])) == ["not judged"] * 10
+    assert _words(quality_floors.set1_floors(cells)) == ["met"] * 10
+    assert _words(quality_floors.set1_floors([])) == ["not judged"] * 10
 
     def missed(*changed):
-        verdicts = floors.set1_floors([*cells, *changed])
+        verdicts = quality_floors.set1_floors([*cells, *changed])
         return [number for number, verdict in enumerate(verdicts) if verdict.met is False]
 
     assert missed(_cell("x", bicubic=33.21)) == [0]
@@ -102,7 +106,7 @@ def test_floors_of_set1():
     assert missed(_cell("lytro_2067", 1.7, single_view=32.9)) == [4]
     assert missed(_cell("x", pocs=34.21)) == [7]
     assert missed(_cell("x", pocs_simplified=34.21)) == [8]
-    worst = floors.set1_floors([*cells, _cell("x", bicubic=33.5)])[0].measured
+    worst = quality_floors.set1_floors([*cells, _cell("x", bicubic=33.5)])[0].measured
     assert worst == "worst +0.50 dB (x σ 1 noise 2); 1 of 21 cells miss it"
 
 
@@ -115,12 +119,12 @@ def test_floors_of_the_rendered_scene():
     case = RenderedCase(
         name="made up", psnr=psnr, median_error=0.02, error_95=0.2, wrong_share=0.009
     )
-    words = _words(floors.rendered_floors(case, (1, 2, 4)))
+    words = _words(quality_floors.rendered_floors(case, (1, 2, 4)))
     assert words == ["not met", "met", "met", "met", "met", "met"]
     psnr["true motion"] = psnr["4 views"]
     psnr["4 views"] = {"left": 33.0, "right": 31.4}  # the worse eye decides
     case = replace(case, median_error=0.021, error_95=0.26, wrong_share=0.011)
-    assert _words(floors.rendered_floors(case, (1, 2, 4))) == ["not met"] * 6
+    assert _words(quality_floors.rendered_floors(case, (1, 2, 4))) == ["not met"] * 6
 
 
 def test_end_point_errors_are_of_the_right_pixels():

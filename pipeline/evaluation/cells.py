@@ -9,11 +9,11 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from benchmarks.floors import Set1Cell
-from benchmarks.tables import Table, number, signed
 from pipeline.config import Settings
 from pipeline.degradation import Degradation
 from pipeline.evaluate import evaluate_set1
+from pipeline.evaluation.floors import Set1Cell
+from pipeline.evaluation.tables import Table, number, signed
 from pipeline.frames import MultiViewFrame
 from pipeline.media.source import open_scene
 

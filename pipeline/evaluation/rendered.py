@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.floors import RenderedCase, views_method
-from benchmarks.speed import middle_views
-from benchmarks.tables import Table, number, signed
 from pipeline.baselines import bicubic
 from pipeline.config import Settings
+from pipeline.evaluation.floors import RenderedCase, views_method
+from pipeline.evaluation.methods import middle_views
+from pipeline.evaluation.tables import Table, number, signed
 from pipeline.frames import GreyImage, MultiViewFrame, RegisteredView, Rejection
 from pipeline.metrics import psnr
 from pipeline.reconstruction.fused import fuse

@@ -1,0 +1,99 @@
+"""One method on one view, with what it cost; choices of views that the studies share."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.config import Settings
+from pipeline.degradation import DegradedFrame
+from pipeline.evaluate import run_method
+from pipeline.frames import MultiViewFrame
+from pipeline.metrics import ms_ssim, psnr, ssim
+from pipeline.results import FrameReport
+
+REFERENCES = Path("/proc/self/clear_refs")
+STATUS = Path("/proc/self/status")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MethodRun:
+    """What one method made of one view."""
+
+    method: str
+    view_id: str
+    image: npt.NDArray[np.uint8]
+    """(K·H, K·W), rounded and clipped, as it would be stored."""
+    report: FrameReport | None
+    """None for plain enlargement."""
+    seconds: float
+    """Wall clock."""
+    cpu_seconds: float
+    """Of all threads."""
+    memory_mib: float
+    """Largest resident memory above that before the call; NaN where the system does not tell."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fidelity:
+    """How close a picture comes to the truth."""
+
+    psnr: float
+    """dB."""
+    ssim: float
+    ms_ssim: float
+
+
+def timed_run(method: str, degraded: DegradedFrame, settings: Settings, view_id: str) -> MethodRun:
+    """Run a method of :data:`pipeline.evaluate.METHODS` or a baseline, and account for it."""
+    before = _resident_mib(reset=True)
+    begin, cpu = time.perf_counter(), time.process_time()
+    image, report = run_method(method, degraded, settings, view_id)
+    seconds, cpu = time.perf_counter() - begin, time.process_time() - cpu
+    return MethodRun(
+        method=method,
+        view_id=view_id,
+        image=np.clip(np.rint(image), 0, 255).astype(np.uint8),
+        report=report,
+        seconds=seconds,
+        cpu_seconds=cpu,
+        memory_mib=_resident_mib(reset=False) - before,
+    )
+
+
+def fidelity(image: npt.NDArray[np.uint8], truth: npt.NDArray[np.uint8], border: int) -> Fidelity:
+    """Return the full-reference measures of a picture, a border left out."""
+    return Fidelity(
+        psnr=psnr(image, truth, border=border),
+        ssim=ssim(image, truth, border=border),
+        ms_ssim=ms_ssim(image, truth, border=border),
+    )
+
+
+def middle_views(frame: MultiViewFrame, count: int) -> MultiViewFrame:
+    """Return the frame with so many of its views, those around the stereo pair."""
+    names = [view.view_id for view in frame.views]
+    middle = (names.index(frame.left) + names.index(frame.right)) / 2
+    order = sorted(range(len(names)), key=lambda number: abs(number - middle))
+    kept = sorted(order[:count])
+    return replace(frame, views=tuple(frame.views[number] for number in kept))
+
+
+def _resident_mib(*, reset: bool) -> float:
+    """Return the peak of resident memory, MiB, after resetting it to the present size if asked.
+
+    Linux keeps the peak as VmHWM and resets it when 5 is written to ``clear_refs``.
+    """
+    try:
+        if reset:
+            REFERENCES.write_text("5", encoding="ascii")
+        for line in STATUS.read_text(encoding="ascii", errors="replace").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024
+    except OSError:
+        pass
+    return float("nan")
