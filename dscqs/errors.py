@@ -4,6 +4,7 @@
 
     DscqsError
     ├── PlanError      the plan contradicts itself or lacks something
+    ├── DisplayError   a display's profile contradicts itself or lacks something
     ├── VotesError     votes cannot be read, or contradict one another
     ├── OrderError     a request does not fit the present step of the session
     ├── NotFound       there is no such test, session or stimulus
@@ -29,6 +30,13 @@ class PlanError(DscqsError):
     """The plan contradicts itself or lacks something; the message names the field."""
 
     code = "plan-error"
+    exit_status = 2
+
+
+class DisplayError(DscqsError):
+    """A display's profile contradicts itself or lacks something; the message names the field."""
+
+    code = "display-error"
     exit_status = 2
 
 
