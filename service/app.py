@@ -17,6 +17,7 @@ from service.http import health, jobs, problems, session, uploads
 from service.http.auth import Tokens
 from service.http.guards import Guards
 from service.jobs.request import JobRequest
+from service.live.broadcast import Broadcasts
 from service.metrics import Metrics
 from service.notices import Notices
 from service.scheduler import Scheduler
@@ -31,8 +32,8 @@ ROUTERS: tuple[APIRouter, ...] = (jobs.router, uploads.router, session.router, h
 def create_app(config: ServiceConfig) -> FastAPI:
     """Return the application; its lifespan opens the data folder and starts the workers.
 
-    Afterwards ``app.state`` has ``config``, ``store``, ``scheduler``, ``notices``, ``tokens``
-    and ``metrics``.
+    Afterwards ``app.state`` has ``config``, ``store``, ``scheduler``, ``notices``, ``tokens``,
+    ``metrics`` and ``broadcasts``.
     """
 
     @asynccontextmanager
@@ -48,6 +49,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
                 yield
             finally:
                 app.state.notices.stop()
+                app.state.broadcasts.stop()
                 await asyncio.to_thread(scheduler.close)
         finally:
             store.close()
@@ -64,6 +66,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
     )
     app.state.config = config
     app.state.notices = Notices()
+    app.state.broadcasts = Broadcasts()
     app.state.tokens = Tokens(config.token_file, key=_signing_key(config.data))
     app.state.metrics = Metrics()
     problems.add_handlers(app)

@@ -52,8 +52,14 @@ def serve(app: FastAPI, config: ServiceConfig, *, say: Callable[[str], object]) 
         timeout_keep_alive=15,
         timeout_graceful_shutdown=max(1, math.ceil(config.grace)),
         limit_concurrency=1000,
+        ws_per_message_deflate=False,  # video does not get smaller
     )
-    server = Server(settings, app.state.notices.stop)
+
+    def end_streams() -> None:
+        app.state.notices.stop()
+        app.state.broadcasts.stop()
+
+    server = Server(settings, end_streams)
     host, port = listener.getsockname()[:2]
     shown = f"[{host}]" if ":" in host else host
     say(f"depthsr serves http://{shown}:{port}")

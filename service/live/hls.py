@@ -14,9 +14,13 @@ class MediaSegment:
     number: int
     duration: float
     """Seconds."""
+    generation: int = 0
+    """Number of its init segment; another one than before is another kind of video."""
 
 
-def playlist(segments: Sequence[MediaSegment], *, ended: bool, growing: bool) -> str:
+def playlist(
+    segments: Sequence[MediaSegment], *, ended: bool, growing: bool, longest: float = 1.0
+) -> str:
     """Return the media playlist.
 
     Parameters
@@ -28,19 +32,28 @@ def playlist(segments: Sequence[MediaSegment], *, ended: bool, growing: bool) ->
     growing : bool
         Whether all segments are kept (a job), so that a viewer may begin at the
         first; False for a window that moves on (a stream).
+    longest : float
+        No segment will be longer, seconds; where one is, that counts.
     """
-    longest = max((segment.duration for segment in segments), default=1.0)
+    longest = max([longest, *(segment.duration for segment in segments)])
     lines = [
         "#EXTM3U",
         "#EXT-X-VERSION:7",
-        f"#EXT-X-TARGETDURATION:{max(1, math.ceil(longest))}",
+        f"#EXT-X-TARGETDURATION:{max(1, math.ceil(round(longest, 3)))}",
         f"#EXT-X-MEDIA-SEQUENCE:{segments[0].number if segments else 0}",
         "#EXT-X-INDEPENDENT-SEGMENTS",
     ]
+    if segments and segments[0].generation:
+        lines.insert(4, f"#EXT-X-DISCONTINUITY-SEQUENCE:{segments[0].generation}")
     if growing:
         lines.append(f"#EXT-X-PLAYLIST-TYPE:{'VOD' if ended else 'EVENT'}")
-    lines.append('#EXT-X-MAP:URI="init.mp4"')
+    generation = None
     for segment in segments:
+        if segment.generation != generation:
+            if generation is not None:
+                lines.append("#EXT-X-DISCONTINUITY")
+            generation = segment.generation
+            lines.append(f'#EXT-X-MAP:URI="init-{generation}.mp4"')
         lines += [f"#EXTINF:{segment.duration:.6f},", f"segment-{segment.number:06d}.m4s"]
     if ended:
         lines.append("#EXT-X-ENDLIST")
