@@ -60,12 +60,17 @@ class _Segment:
     """Number of its first fragment."""
     timescale: int
     fragments: list[Fragment] = field(default_factory=list)
-    seconds: float = 0.0
+    ticks: int = 0
     size: int = 0
+
+    @property
+    def seconds(self) -> float:
+        """Its length."""
+        return self.ticks / self.timescale
 
     def add(self, part: Fragment) -> None:
         self.fragments.append(part)
-        self.seconds += part.duration / self.timescale
+        self.ticks += part.duration
         self.size += len(part.data)
 
 
