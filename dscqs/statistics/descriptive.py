@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,12 @@ class Summary:
     ci95_t: float | None
 
 
+@cache
+def t_quantile(freedom: int) -> float:
+    """Return the 0.975 quantile of Student's t."""
+    return float(stats.t.ppf(0.975, freedom))
+
+
 def summarise(values: Iterable[float] | NDArray[np.float64]) -> Summary:
     """Return the summary of all values that are not NaN."""
     votes = np.asarray(values if isinstance(values, np.ndarray) else list(values), np.float64)
@@ -56,5 +63,5 @@ def summarise(values: Iterable[float] | NDArray[np.float64]) -> Summary:
         sd=sd,
         se=se,
         ci95_normal=NORMAL_QUANTILE * se,
-        ci95_t=float(stats.t.ppf(0.975, n - 1)) * se,
+        ci95_t=t_quantile(n - 1) * se,
     )

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from dscqs.statistics.analysis import PRIMARY, Analysis, Cell, Score, voters
+from dscqs.statistics.details import details
+from dscqs.statistics.details_document import details_document
 from dscqs.statistics.screening import Screening, Variant
 from dscqs.votes import Method
 
@@ -60,6 +62,7 @@ def _analysis(analysis: Analysis) -> dict[str, Any]:
                 for variant in Variant
             },
         },
+        **details_document(details(analysis)),
     }
 
 

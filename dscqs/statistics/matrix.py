@@ -45,6 +45,12 @@ class Matrix:
         return tuple(dict.fromkeys((one, two) for one, two, _ in self.presentations))
 
     @property
+    def stimulus_of_row(self) -> NDArray[np.intp]:
+        """Index into :attr:`stimuli` of every presentation."""
+        index = {stimulus: at for at, stimulus in enumerate(self.stimuli)}
+        return np.array([index[one, two] for one, two, _ in self.presentations], dtype=np.intp)
+
+    @property
     def contents(self) -> tuple[str, ...]:
         """Every content, in order."""
         return tuple(dict.fromkeys(content for content, _, _ in self.presentations))

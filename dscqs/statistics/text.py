@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from dscqs.statistics.analysis import FEWEST_ASSESSORS, Analysis, Cell, voters
 from dscqs.statistics.descriptive import Summary
+from dscqs.statistics.details import details
+from dscqs.statistics.details_text import details_lines
 from dscqs.statistics.document import DIRECTIONS
 from dscqs.statistics.screening import Variant
 
@@ -35,6 +37,7 @@ def _lines(analysis: Analysis) -> Iterator[str]:
         )
     yield ""
     yield from _screening(analysis)
+    yield from details_lines(details(analysis))
     for display in analysis.displays:
         people = voters(display)
         if people < FEWEST_ASSESSORS:
