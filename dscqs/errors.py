@@ -5,6 +5,10 @@
     DscqsError
     ├── PlanError      the plan contradicts itself or lacks something
     ├── DisplayError   a display's profile contradicts itself or lacks something
+    ├── GradesError    grades are malformed, or not of what was asked
+    ├── StimulusError  a stimulus is missing, damaged or unlike its partner
+    │   └── StimulusLost  … after the test was made
+    ├── NotLoggedIn    the request shows no cookie of a session
     ├── VotesError     votes cannot be read, or contradict one another
     ├── OrderError     a request does not fit the present step of the session
     ├── NotFound       there is no such test, session or stimulus
@@ -38,6 +42,33 @@ class DisplayError(DscqsError):
 
     code = "display-error"
     exit_status = 2
+
+
+class GradesError(DscqsError):
+    """The grades are malformed, out of range, or not of what was asked; nothing was changed."""
+
+    code = "grades-error"
+    exit_status = 2
+
+
+class StimulusError(DscqsError):
+    """A stimulus is missing, damaged, or unlike the others of its content; the message names it."""
+
+    code = "stimulus-error"
+    exit_status = 2
+
+
+class StimulusLost(StimulusError):
+    """A stored stimulus cannot be read, or was changed after the test was made."""
+
+    code = "stimulus-lost"
+    exit_status = 1
+
+
+class NotLoggedIn(DscqsError):
+    """The request shows no cookie of a session; open a link of the operator."""
+
+    code = "not-logged-in"
 
 
 class VotesError(DscqsError):

@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import StrEnum
 from itertools import product
 
 from dscqs.plan import Plan
+
+ORDER_VERSION = 1
+"""Of the drawing below; an order that is stored says which one drew it."""
+
+
+class Kind(StrEnum):
+    """What a presentation is for."""
+
+    TRAINING = "training"
+    DUMMY = "dummy"
+    TEST = "test"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,12 +29,13 @@ class Presentation:
     content: str
     condition: str
     repetition: int
+    """From 0."""
     reference_is_a: bool
-    dummy: bool
+    kind: Kind
 
 
-def make_order(plan: Plan, assessor: int) -> tuple[Presentation, ...]:
-    """Return the presentations of an assessor, dummies first.
+def make_order(plan: Plan, assessor: int, display: str = "") -> tuple[Presentation, ...]:
+    """Return the presentations of an assessor: training, dummies, then what counts.
 
     The reference is A in exactly half of the counted pairs (the odd one
     alternates), and two neighbouring assessors (2k, 2k+1) have opposite sides
@@ -32,33 +46,52 @@ def make_order(plan: Plan, assessor: int) -> tuple[Presentation, ...]:
     plan : Plan
         The test, with its seed.
     assessor : int
-        Number of the assessor within the test, from 0.
+        Number of the assessor within the test and display, from 0.
+    display : str
+        What it is shown on; the same assessor has another order on another display.
     """
-    sides = random.Random(f"sides {plan.seed} {assessor // 2}")
-    mixed = random.Random(f"order {plan.seed} {assessor}")
-    pairs = list(product(plan.contents, plan.conditions, range(plan.repetitions)))
-    flags = _half(len(pairs), sides)
+    sides = random.Random(f"sides {plan.seed} {display} {assessor // 2}")
+    mixed = random.Random(f"order {plan.seed} {display} {assessor}")
+    pairs = _pairs(plan)
     chosen = [
         Presentation(
             content=content, condition=condition, repetition=repetition,
-            reference_is_a=flag != bool(assessor % 2), dummy=False,
+            reference_is_a=flag != bool(assessor % 2), kind=Kind.TEST,
         )
-        for (content, condition, repetition), flag in zip(pairs, flags, strict=True)
+        for (content, condition, repetition), flag in zip(
+            pairs, _half(len(pairs), sides), strict=True
+        )
     ]  # fmt: skip
-    dummies = [
+    trained = [tuple(pair.split("/", 1)) for pair in plan.training]
+    training = _uncounted(trained, Kind.TRAINING, mixed)
+    dummies = _spread(_uncounted(_draw(plan, mixed), Kind.DUMMY, mixed), mixed, _last(training))
+    counted = _spread(chosen, mixed, _last([*training, *dummies]))
+    return (*training, *dummies, *counted)
+
+
+def _pairs(plan: Plan) -> list[tuple[str, str, int]]:
+    """Return content, condition and repetition of everything that counts."""
+    pairs = list(product(plan.contents, plan.conditions, range(plan.repetitions)))
+    once_more = random.Random(f"coherence {plan.seed}").sample(
+        list(product(plan.contents, plan.conditions)), plan.coherence
+    )
+    return pairs + [(content, condition, plan.repetitions) for content, condition in once_more]
+
+
+def _uncounted(
+    pairs: Iterable[tuple[str, ...]], kind: Kind, chance: random.Random
+) -> list[Presentation]:
+    pairs = list(pairs)
+    return [
         Presentation(
-            content=content, condition=condition, repetition=0,
-            reference_is_a=flag, dummy=True,
+            content=content, condition=condition, repetition=0, reference_is_a=flag, kind=kind
         )
-        for (content, condition), flag in zip(
-            _draw(plan, mixed),
-            _half(plan.dummies, mixed),
-            strict=True,
-        )
-    ]  # fmt: skip
-    first = _spread(dummies, mixed, None)
-    last = first[-1].content if first else None
-    return (*first, *_spread(chosen, mixed, last))
+        for (content, condition), flag in zip(pairs, _half(len(pairs), chance), strict=True)
+    ]
+
+
+def _last(items: list[Presentation]) -> str | None:
+    return items[-1].content if items else None
 
 
 def _half(count: int, chance: random.Random) -> list[bool]:

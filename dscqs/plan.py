@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,6 +17,9 @@ DIMENSIONS = ("quality", "depth", "comfort", "naturalness")
 
 LONGEST_SESSION_S = 1800.0
 """Longest session without a word from the operator [s] (BT.500: half an hour)."""
+
+STAGES = ("instructions", "screening", "stereo_acuity", "fatigue_before", "fatigue_after")
+"""Stages that a plan may leave out; training, presentations, breaks and thanks follow from it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +64,25 @@ class Plan:
         Times that every pair is shown.
     dummies : int
         Presentations at the start whose votes are not counted.
+    coherence : int
+        Pairs that come once more than the others, the same for every assessor: does an
+        assessor agree with themself?
+    training : tuple of str
+        Pairs shown before everything else, as ``content/condition``; their votes are not
+        counted. Best of contents that are not in the test, spanning the range of quality.
+    break_every : int
+        Presentations from one break to the next; 0: no break.
+    break_s : float
+        Length of a break [s].
+    stages : tuple of str
+        Which of :data:`STAGES` the session has.
+    folder : str
+        Where the files of the stimuli lie; relative to the plan, or on a service to a root.
+    hashes : mapping
+        SHA-256 of the files by ``content/condition``; what is named here is checked.
+    pixels : mapping
+        Hash of the decoded pixels by ``content/condition``
+        (:func:`dscqs.pixel_hash.hash_frames`); a showing that reports another one has failed.
     long_session : bool
         A session of more than 30 minutes is wanted.
     """
@@ -68,7 +92,7 @@ class Plan:
     conditions: tuple[str, ...]
     reference: str
     stimuli: Mapping[str, str]
-    displays: tuple[str, ...] = ("display",)
+    displays: tuple[str, ...] = ("polarised",)
     dimensions: tuple[str, ...] = ("quality",)
     timing: Timing = field(default_factory=Timing)
     kind: str = "still"
@@ -78,10 +102,28 @@ class Plan:
     captions: bool = True
     repetitions: int = 1
     dummies: int = 5
+    coherence: int = 0
+    training: tuple[str, ...] = ()
+    break_every: int = 0
+    break_s: float = 60.0
+    stages: tuple[str, ...] = STAGES
+    folder: str = "."
+    hashes: Mapping[str, str] = field(default_factory=dict)
+    pixels: Mapping[str, str] = field(default_factory=dict)
     seed: int = 1
     long_session: bool = False
 
     def __post_init__(self) -> None:
+        self._check_texts()
+        self._check_numbers()
+        self._check_stimuli()
+        if self.session_s > LONGEST_SESSION_S and not self.long_session:
+            raise PlanError(
+                f"the session lasts {self.session_s / 60:.1f} min, more than 30: take fewer "
+                "contents, conditions or repetitions, or set long_session: true"
+            )
+
+    def _check_texts(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise PlanError("name: must be a text that is not empty")
         for name in ("contents", "conditions", "displays", "dimensions"):
@@ -97,9 +139,20 @@ class Plan:
         ):
             if getattr(self, name) not in known:
                 raise PlanError(f"{name}: {getattr(self, name)!r} is none of {', '.join(known)}")
+        if not isinstance(self.stages, tuple):
+            raise PlanError("stages: must be a list of names")
+        for stage in self.stages:
+            if stage not in STAGES:
+                raise PlanError(f"stages: {stage!r} is none of {', '.join(STAGES)}")
+        if not isinstance(self.folder, str) or not self.folder:
+            raise PlanError(f"folder: {self.folder!r} is not a path")
+
+    def _check_numbers(self) -> None:
         for name, least, most in (
             ("repetitions", 1, 20),
             ("dummies", 0, 20),
+            ("coherence", 0, len(self.contents) * len(self.conditions)),
+            ("break_every", 0, 10_000),
             ("grey", 0, 255),
             ("seed", 0, 2**63 - 1),
         ):
@@ -109,27 +162,56 @@ class Plan:
         for name in ("captions", "long_session"):
             if not isinstance(getattr(self, name), bool):
                 raise PlanError(f"{name}: {getattr(self, name)!r} is neither true nor false")
-        if not isinstance(self.stimuli, Mapping):
-            raise PlanError("stimuli: must name a file for every content/condition")
-        for content in self.contents:
-            for condition in (self.reference, *self.conditions):
-                if not isinstance(self.stimuli.get(f"{content}/{condition}"), str):
-                    raise PlanError(f"stimuli: no file is named for {content}/{condition}")
-        if self.session_s > LONGEST_SESSION_S and not self.long_session:
-            raise PlanError(
-                f"the session lasts {self.session_s / 60:.1f} min, more than 30: take fewer "
-                "contents, conditions or repetitions, or set long_session: true"
-            )
+        if isinstance(self.break_s, bool) or not isinstance(self.break_s, (int, float)):
+            raise PlanError(f"break_s: {self.break_s!r} is not a number")
+        if not 0 <= self.break_s <= 3600:
+            raise PlanError(f"break_s: {self.break_s} is not a time from 0 to 3600 s")
+
+    def _check_stimuli(self) -> None:
+        for name in ("stimuli", "hashes", "pixels"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise PlanError(f"{name}: must be a mapping of names to values")
+        if not isinstance(self.training, tuple):
+            raise PlanError("training: must be a list of content/condition")
+        for pair in self.training:
+            content, slash, condition = pair.partition("/") if isinstance(pair, str) else ("",) * 3
+            if not (content and slash and condition) or condition == self.reference:
+                raise PlanError(f"training: {pair!r} is not content/condition of a tested pair")
+        for key in self.used:
+            if not isinstance(self.stimuli.get(key), str):
+                raise PlanError(f"stimuli: no file is named for {key}")
+        for key in self.stimuli:
+            if key not in self.used:
+                raise PlanError(f"stimuli: {key} is not part of the test")
+        for name, hashes in (("hashes", self.hashes), ("pixels", self.pixels)):
+            for key, digest in hashes.items():
+                if key not in self.used or not re.fullmatch(r"[0-9a-f]{64}", str(digest)):
+                    raise PlanError(f"{name}: {key}: is no SHA-256 of a stimulus of the test")
+
+    @property
+    def used(self) -> tuple[str, ...]:
+        """Every ``content/condition`` that is shown, each once."""
+        pairs = [(content, name) for content in self.contents for name in self.conditions]
+        pairs += [(content, name) for content, _, name in (x.partition("/") for x in self.training)]
+        keys = (f"{c}/{name}" for c, tested in pairs for name in (self.reference, tested))
+        return tuple(dict.fromkeys(keys))
 
     @property
     def presentations(self) -> int:
         """Presentations of one session, dummies among them."""
-        return self.dummies + len(self.contents) * len(self.conditions) * self.repetitions
+        pairs = len(self.contents) * len(self.conditions)
+        return self.dummies + pairs * self.repetitions + self.coherence
+
+    @property
+    def breaks(self) -> int:
+        """Breaks of one session; none comes after the last presentation."""
+        return (self.presentations - 1) // self.break_every if self.break_every else 0
 
     @property
     def session_s(self) -> float:
-        """Length of the presentations of one session [s]."""
-        return self.presentations * self.timing.presentation_s
+        """Length of one session: training, presentations and breaks [s]."""
+        shown = len(self.training) + self.presentations
+        return shown * self.timing.presentation_s + self.breaks * self.break_s
 
 
 def plan_from_dict(data: object) -> Plan:
@@ -157,6 +239,11 @@ def plan_from_dict(data: object) -> Plan:
     if missing:
         raise PlanError(f"{missing[0]}: is missing")
     return Plan(**values)
+
+
+def plan_to_dict(plan: Plan) -> dict[str, Any]:
+    """Return the plan as JSON knows it; :func:`plan_from_dict` makes the same plan of it."""
+    return json.loads(json.dumps(dataclasses.asdict(plan)))
 
 
 def _check_names(name: str, value: object) -> None:

@@ -144,7 +144,9 @@ def make_table(votes: Iterable[Vote], *, name: str = "votes") -> VoteTable:
         raise VotesError("there is no vote in it", path=name)
     seen: set[tuple[str, str, str, str, int, str]] = set()
     for vote in kept:
-        if vote.kind == TEST and vote.key in seen:
+        if vote.kind != TEST:
+            continue
+        if vote.key in seen:
             raise VotesError(f"two votes of {_said(vote)}", path=name)
         seen.add(vote.key)
     methods = {method for vote in kept if (method := _method(vote)) is not None}
@@ -225,7 +227,8 @@ def parse_csv(text: str, *, name: str = "votes") -> VoteTable:
                     path=name,
                     line=line,
                 )
-            lines_of[vote.key] = line
+            if vote.kind == TEST:
+                lines_of[vote.key] = line
             votes.append(vote)
     except csv.Error as error:
         raise VotesError(str(error), path=name, line=before + 1) from error

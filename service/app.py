@@ -13,8 +13,19 @@ from pathlib import Path
 from fastapi import APIRouter, FastAPI
 
 from service.config import ServiceConfig
-from service.http import health, jobs, problems, session, uploads
+from service.desks import Desks
+from service.http import (
+    dscqs,
+    dscqs_operator,
+    dscqs_pages,
+    health,
+    jobs,
+    problems,
+    session,
+    uploads,
+)
 from service.http.auth import Tokens
+from service.http.dscqs_access import Operators
 from service.http.guards import Guards
 from service.jobs.request import JobRequest
 from service.live.broadcast import Broadcasts
@@ -25,7 +36,10 @@ from service.store import Store
 
 log = logging.getLogger(__name__)
 
-ROUTERS: tuple[APIRouter, ...] = (jobs.router, uploads.router, session.router, health.router)
+ROUTERS: tuple[APIRouter, ...] = (
+    jobs.router, uploads.router, session.router, health.router,
+    dscqs.router, dscqs_operator.router, dscqs_pages.router,
+)  # fmt: skip
 """Every door of the service."""
 
 
@@ -33,13 +47,14 @@ def create_app(config: ServiceConfig) -> FastAPI:
     """Return the application; its lifespan opens the data folder and starts the workers.
 
     Afterwards ``app.state`` has ``config``, ``store``, ``scheduler``, ``notices``, ``tokens``,
-    ``metrics`` and ``broadcasts``.
+    ``metrics``, ``broadcasts``, ``desks`` and ``operators``.
     """
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         store = Store(config.data, on_change=app.state.notices.tell)
         try:
+            app.state.desks = Desks(config.data)
             scheduler = Scheduler(store, config, on_event=app.state.metrics.of_worker)
             app.state.store, app.state.scheduler = store, scheduler
             app.state.metrics.watch(store, scheduler)
@@ -52,6 +67,8 @@ def create_app(config: ServiceConfig) -> FastAPI:
                 app.state.broadcasts.stop()
                 await asyncio.to_thread(scheduler.close)
         finally:
+            if hasattr(app.state, "desks"):
+                app.state.desks.close()
             store.close()
 
     app = FastAPI(
@@ -67,7 +84,9 @@ def create_app(config: ServiceConfig) -> FastAPI:
     app.state.config = config
     app.state.notices = Notices()
     app.state.broadcasts = Broadcasts()
-    app.state.tokens = Tokens(config.token_file, key=_signing_key(config.data))
+    key = _signing_key(config.data)
+    app.state.tokens = Tokens(config.token_file, key=key)
+    app.state.operators = Operators(app.state.tokens, config.data, key)
     app.state.metrics = Metrics()
     problems.add_handlers(app)
     app.add_middleware(Guards, config=config)

@@ -89,6 +89,31 @@ def test_av_is_behind_three_doors():
     assert users == {f"pipeline/media/{door}.py" for door in doors}
 
 
+@pytest.mark.parametrize(
+    ("module", "doors"),
+    [
+        ("sqlite3", ["dscqs/sqlite_store.py"]),
+        ("tempfile", ["dscqs/shelf.py"]),
+        ("fastapi", []),
+        ("httpx", []),
+        ("cv2", []),
+    ],
+)
+def test_doors_of_subjective_tests(module, doors):
+    users = [
+        path.relative_to(ROOT).as_posix()
+        for path in _files("dscqs")
+        if any(name.split(".")[0] == module for name in _imports(path))
+    ]
+    assert users == doors
+
+
+def test_the_state_machine_touches_nothing_outside():
+    outside = OUTSIDE_WORLD - {"random"}
+    for place in ("dscqs/session.py", "dscqs/order.py", "dscqs/plan.py", "dscqs/views.py"):
+        assert _offenders(place, *outside) == []
+
+
 @pytest.mark.parametrize("room", NUMERIC_ROOMS)
 def test_numeric_rooms_touch_nothing_outside(room):
     assert _offenders(room, *OUTSIDE_WORLD) == []

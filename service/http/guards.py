@@ -27,6 +27,9 @@ SECURITY_HEADERS = {
     "media-src 'self' blob:; worker-src 'self' blob:; style-src 'self' 'unsafe-inline'; "
     "object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'",
 }
+PRIVATE = ("/api/", "/dscqs/api/", "/dscqs/a/")
+"""Answers under these are never kept by a cache."""
+
 SAFE = ("GET", "HEAD", "OPTIONS")
 
 
@@ -66,7 +69,7 @@ class Guards:
                 made = MutableHeaders(scope=message)
                 for name, value in SECURITY_HEADERS.items():
                     made.setdefault(name, value)
-                if scope["path"].startswith("/api/"):
+                if scope["path"].startswith(PRIVATE):
                     made.setdefault("Cache-Control", "no-store")
                 metrics.seconds.observe(time.perf_counter() - begin)
             await send(message)

@@ -13,11 +13,24 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict
 from starlette.exceptions import HTTPException
 
+from dscqs.errors import DscqsError
 from pipeline.errors import PipelineError
 
 log = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
+
+DSCQS = "/dscqs/"
+"""Problems of subjective tests have ``code`` and ``message`` besides."""
+
+KINDS_OF_DSCQS = {
+    "out-of-order": "conflict", "not-found": "not-found",
+    "used-up": "gone", "not-logged-in": "unauthorized", "plan-error": "bad-request",
+    "grades-error": "bad-request", "stimulus-error": "bad-request", "display-error": "bad-request",
+    "votes-error": "conflict",
+    "stimulus-lost": "internal", "dscqs-error": "internal",
+}  # fmt: skip
+"""Kind of problem by the code of a :class:`DscqsError`."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +122,8 @@ def answer(
     kind: str, detail: str, *, path: str, headers: dict[str, str] | None = None, **more: Any
 ) -> JSONResponse:
     """Return the HTTP answer of a problem."""
+    if path.startswith(DSCQS):
+        more = {"code": kind, "message": detail, **more}
     content = problem(kind, detail, instance=path, **more)
     return JSONResponse(
         content, status_code=content["status"], headers=headers, media_type=MEDIA_TYPE
@@ -139,11 +154,17 @@ def add_handlers(app: FastAPI) -> None:
             {"at": "/".join(map(str, item["loc"])), "says": item["msg"]} for item in error.errors()
         ]
         said = "; ".join(f"{item['at']}: {item['says']}" for item in errors[:3])
-        return answer("invalid", said, path=request.url.path, errors=errors[:20])
+        kind = "bad-request" if request.url.path.startswith(DSCQS) else "invalid"
+        return answer(kind, said, path=request.url.path, errors=errors[:20])
 
     async def of_pipeline(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, PipelineError)
         return answer(error.code, str(error), path=request.url.path)
+
+    async def of_dscqs(request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, DscqsError)
+        kind = KINDS_OF_DSCQS[error.code]
+        return answer(kind, str(error), path=request.url.path, code=error.code)
 
     async def of_disk(request: Request, error: Exception) -> JSONResponse:
         log.warning("storage: %s", error)
@@ -158,6 +179,7 @@ def add_handlers(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, theirs)
     app.add_exception_handler(RequestValidationError, invalid)
     app.add_exception_handler(PipelineError, of_pipeline)
+    app.add_exception_handler(DscqsError, of_dscqs)
     app.add_exception_handler(OSError, of_disk)
     app.add_exception_handler(sqlite3.OperationalError, of_disk)
     app.add_exception_handler(Exception, fault)

@@ -6,7 +6,7 @@ from itertools import pairwise, product
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dscqs.order import make_order
+from dscqs.order import Kind, make_order
 from dscqs.plan import Plan
 
 
@@ -34,10 +34,10 @@ ASSESSORS = st.integers(0, 50)
 @given(PLANS, ASSESSORS)
 def test_every_pair_is_there_after_the_dummies(plan, assessor):
     order = make_order(plan, assessor)
-    assert [item.dummy for item in order] == [
+    assert [item.kind is Kind.DUMMY for item in order] == [
         index < plan.dummies for index in range(plan.presentations)
     ]
-    counted = sorted((i.content, i.condition, i.repetition) for i in order if not i.dummy)
+    counted = sorted((i.content, i.condition, i.repetition) for i in order if i.kind is Kind.TEST)
     assert counted == sorted(product(plan.contents, plan.conditions, range(plan.repetitions)))
 
 
@@ -49,7 +49,7 @@ def test_with_two_contents_or_more_none_comes_twice_running(plan, assessor):
 
 @given(PLANS, ASSESSORS)
 def test_half_of_the_pairs_have_the_reference_as_a(plan, assessor):
-    sides = [item.reference_is_a for item in make_order(plan, assessor) if not item.dummy]
+    sides = [item.reference_is_a for item in make_order(plan, assessor) if item.kind is Kind.TEST]
     assert abs(2 * sum(sides) - len(sides)) == len(sides) % 2
 
 
@@ -59,7 +59,7 @@ def test_an_even_number_of_assessors_sees_every_pair_equally_often_on_each_side(
         (item.content, item.condition, item.repetition)
         for assessor in range(2 * couples)
         for item in make_order(plan, assessor)
-        if item.reference_is_a and not item.dummy
+        if item.reference_is_a and item.kind is Kind.TEST
     )
     assert set(seen.values()) <= {couples}
     assert sum(seen.values()) == couples * (plan.presentations - plan.dummies)

@@ -1,0 +1,361 @@
+"""The desk: takes what pages and operators ask for, and gives out what they may see.
+
+It puts plan, order, session, store and shelf together, and knows nothing of HTTP. Every request
+becomes an event; the event is stored before the desk answers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import re
+import secrets
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from dscqs.displays import DisplayShelf
+from dscqs.errors import NotFound, NotLoggedIn, OrderError, PlanError, UsedUp
+from dscqs.order import ORDER_VERSION, Kind, Presentation, make_order
+from dscqs.plan import Plan, plan_from_dict, plan_to_dict
+from dscqs.session import (
+    Continued,
+    Effect,
+    Erased,
+    Event,
+    FormFilled,
+    Graded,
+    Grades,
+    Joined,
+    Noted,
+    Offered,
+    Paused,
+    Resumed,
+    Session,
+    Shown,
+    Withdrawn,
+    after,
+    event_from_data,
+    event_to_data,
+    make_steps,
+)
+from dscqs.shelf import Shelf
+from dscqs.store import SessionRecord, SessionStore, TestRecord
+from dscqs.views import presentation_view, progress_view, state_view
+
+ACTIONS: dict[str, type] = {
+    "pause": Paused, "resume": Resumed, "withdraw": Withdrawn, "erase": Erased
+}  # fmt: skip
+"""What an operator does to a session, by the name of it."""
+
+LANGUAGES = ("en", "de", "fr", "es", "tr", "ja")
+
+_CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,31}")
+
+
+@dataclass(kw_only=True)
+class Live:
+    """A session in memory: what its events have come to."""
+
+    record: SessionRecord
+    plan: Plan
+    state: Session
+    files: Mapping[str, Mapping[str, Any]]
+    lock: threading.RLock = field(default_factory=threading.RLock)
+    sides: dict[str, bytes] = field(default_factory=dict)
+    """Bytes that wait to be fetched, by token; of the newest ticket only."""
+    has_joined: bool = False
+    last: float | None = None
+    """When something happened last."""
+    notes: list[dict[str, Any]] = field(default_factory=list)
+    """The latest notes of the page, for the operator."""
+
+    def learn(self, event: Event, at: float) -> None:
+        """Keep what progress shows of an event that was stored."""
+        self.last = at
+        if isinstance(event, Joined):
+            self.has_joined = True
+        elif isinstance(event, Noted):
+            self.notes = [*self.notes, {"at": at, "kind": event.kind}][-5:]
+        elif isinstance(event, Shown) and event.outcome == "failed":
+            self.notes = [*self.notes, {"at": at, "kind": "failed", "reason": reason_of(event)}][
+                -5:
+            ]
+
+
+def reason_of(shown: Shown) -> str:
+    """Return why a presentation failed, as its page said it."""
+    faults = shown.log.get("faults")
+    said = [
+        f"{fault.get('kind', '')}: {fault.get('detail', '')}"[:120]
+        for fault in (faults if isinstance(faults, list) else [])
+        if isinstance(fault, Mapping)
+    ]
+    return "; ".join(said[:3])
+
+
+class Desk:
+    """Conducts all sessions of a store.
+
+    Parameters
+    ----------
+    store : SessionStore
+    shelf : Shelf
+    displays : DisplayShelf
+    clock : callable
+        Seconds since the epoch.
+    secret : callable
+        Returns a text that nobody can guess.
+    """
+
+    def __init__(
+        self,
+        store: SessionStore,
+        shelf: Shelf,
+        displays: DisplayShelf,
+        *,
+        clock: Callable[[], float] = time.time,
+        secret: Callable[[], str] = lambda: secrets.token_urlsafe(24),
+    ) -> None:
+        self.store = store
+        self.shelf = shelf
+        self.displays = displays
+        self._clock = clock
+        self._secret = secret
+        self._lock = threading.RLock()
+        self._live: dict[str, Live] = {}
+
+    # Operators
+
+    def make_test(self, plan: Plan, source: Path) -> TestRecord:
+        """Store a plan and its stimuli.
+
+        Raises
+        ------
+        StimulusError
+            If a stimulus is missing, damaged, or unlike the others of its content.
+        """
+        files = self.shelf.take_in(plan, source)
+        record = TestRecord(
+            id=f"t{secrets.token_hex(6)}", name=plan.name, plan=plan_to_dict(plan), files=files,
+            created=self._clock(),
+        )  # fmt: skip
+        self.store.add_test(record)
+        return record
+
+    def invite(self, test: str, assessor: str, display: str, language: str = "en") -> tuple[
+        SessionRecord, str
+    ]:  # fmt: skip
+        """Return the session of an assessor on a display, and a link into it.
+
+        The session is made where there is none, and its order stored; where there is one, the
+        new link goes on with it, and earlier links and cookies end when it is opened.
+        """
+        plan = plan_from_dict(self.store.test(test).plan)
+        _check_invitation(plan, assessor, display, language)
+        with self._lock:
+            others = self.store.sessions(test)
+            record = next(
+                (one for one in others if (one.assessor, one.display) == (assessor, display)), None
+            )
+            if record is None:
+                number = sum(one.display == display and one.role != "phone" for one in others)
+                record = self._new_session(plan, test, assessor, display, language, number)
+                self.store.add_session(record)
+        link = self._secret()
+        self.store.add_link(hashed(link), record.id)
+        return record, link
+
+    def act(self, session: str, action: str) -> dict[str, Any]:
+        """Pause, resume, withdraw or erase; return the progress of the session."""
+        if action not in ACTIONS:
+            raise NotFound(f"there is no action {action!r} (known: {', '.join(ACTIONS)})")
+        live = self._get(session)
+        if action == "erase":  # first, so that a kill in between leaves no answers behind
+            self.store.erase(session)
+        self._take(live, ACTIONS[action]())
+        return progress_view(live)
+
+    def progress(self, test: str) -> list[dict[str, Any]]:
+        """Return where the sessions of a test stand."""
+        self.store.test(test)
+        return [progress_view(self._get(record.id)) for record in self.store.sessions(test)]
+
+    def of_test(self, test: str, session: str) -> str:
+        """Return the id of a session given by it or by its assessor; it must be of the test."""
+        found = [
+            record.id
+            for record in self.store.sessions(test)
+            if session in (record.id, record.assessor)
+        ]
+        if len(found) != 1:
+            what = "no session" if not found else "more than one session (name it by its id)"
+            raise NotFound(f"{session!r} has {what} in this test")
+        return found[0]
+
+    # Assessors
+
+    def enter(self, link: str) -> tuple[str, str]:
+        """Use a link up; return the session and the secret of a new cookie."""
+        cookie = self._secret()
+        session = self.store.use_link(hashed(link), hashed(cookie))
+        self._take(self._get(session), Joined())
+        return session, cookie
+
+    def identify(self, cookie: str | None) -> str:
+        """Return the session that a cookie lets in."""
+        session = self.store.session_of(hashed(cookie)) if cookie else None
+        if session is None:
+            raise NotLoggedIn("open the link that you were given; it works once, in one browser")
+        return session
+
+    def state(self, session: str) -> dict[str, Any]:
+        """Return where the session stands, as the assessor may know it."""
+        live = self._get(session)
+        with live.lock:
+            return state_view(live)
+
+    def display(self, session: str) -> Mapping[str, Any]:
+        """Return the profile of the session's display."""
+        return self._get(session).record.profile
+
+    def proceed(self, session: str, stage: str) -> dict[str, Any]:
+        """Leave a stage that asks for nothing more."""
+        return self._take(self._get(session), Continued(stage=stage))
+
+    def fill(self, session: str, stage: str, answers: Mapping[str, Any]) -> dict[str, Any]:
+        """Store the answers of a form, and go on."""
+        return self._take(self._get(session), FormFilled(stage=stage), form=(stage, answers))
+
+    def present(self, session: str) -> dict[str, Any]:
+        """Give out the presentation to show, under a new ticket; earlier ones end.
+
+        The bytes of both sides are made here, so that fetching them takes the same time.
+        """
+        live = self._get(session)
+        with live.lock:
+            offered = Offered(ticket=self._secret())
+            after(live.state, offered)  # refuses before anything is read
+            presentation = live.state.step.presentation
+            assert presentation is not None
+            ready = {side: self._bytes(live, presentation, side) for side in "AB"}
+            tokens = {side: self._secret() for side in "AB"}
+            self._take(live, offered)
+            live.sides = {tokens[side]: data for side, data in ready.items()}
+            return presentation_view(live, tokens)
+
+    def side(self, session: str, token: str) -> tuple[bytes, str]:
+        """Return the bytes of one side and their media type; a token works once."""
+        live = self._get(session)
+        with live.lock:
+            data = live.sides.pop(token, None)
+        if data is None:
+            raise UsedUp("the address was used before, or the presentation is no longer this one")
+        return data, "image/png" if live.plan.kind == "still" else "video/webm"
+
+    def shown(
+        self, session: str, ticket: str, outcome: str, log: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Store how a presentation went; one that failed is offered again."""
+        live = self._get(session)
+        with live.lock:
+            if outcome == "ok" and ticket == live.state.ticket:
+                if live.sides:
+                    raise OrderError("a side of the presentation has not been fetched")
+                wrong = self._wrong_pixels(live, log.get("pixels"))
+                if wrong:
+                    fault = {"kind": "pixels", "detail": f"{wrong}: other pixels were shown"}
+                    outcome, log = "failed", {**log, "faults": [fault]}
+            return self._take(live, Shown(ticket=ticket, outcome=outcome, log=log))
+
+    def grade(self, session: str, ticket: str, submission: str, grades: Grades) -> dict[str, Any]:
+        """Store a vote; the same submission counts once."""
+        event = Graded(ticket=ticket, submission=submission, grades=grades)
+        return self._take(self._get(session), event)
+
+    def note(self, session: str, kind: str, detail: Mapping[str, Any]) -> None:
+        """Add what the page says to the audit trail."""
+        self._take(self._get(session), Noted(kind=kind, detail=detail))
+
+    # Inside
+
+    def _take(
+        self, live: Live, event: Event, *, form: tuple[str, Mapping[str, Any]] | None = None
+    ) -> dict[str, Any]:
+        with live.lock:
+            state, effects = after(live.state, event)
+            if Effect.FORGET_EVENT not in effects:
+                self.store.append(live.record.id, [event_to_data(event)], form=form)
+                live.state = state
+                live.learn(event, self._clock())
+            if Effect.END_ADDRESSES in effects:
+                live.sides = {}
+            return state_view(live)
+
+    def _get(self, session: str) -> Live:
+        with self._lock:
+            if session not in self._live:
+                self._live[session] = self._load(session)
+            return self._live[session]
+
+    def _load(self, session: str) -> Live:
+        record = self.store.session(session)
+        test = self.store.test(record.test)
+        plan = plan_from_dict(test.plan)
+        order = [Presentation(**{**item, "kind": Kind(item["kind"])}) for item in record.order]
+        state = Session(steps=make_steps(plan, order), dimensions=plan.dimensions)
+        live = Live(record=record, plan=plan, state=state, files=test.files)
+        for stored in self.store.events(session):
+            event = event_from_data(stored.name, stored.data)
+            live.state, _ = after(live.state, event)
+            live.learn(event, stored.at)
+        return live
+
+    def _new_session(
+        self, plan: Plan, test: str, assessor: str, display: str, language: str, number: int
+    ) -> SessionRecord:
+        order = make_order(plan, number, display)
+        return SessionRecord(
+            id=f"s{secrets.token_hex(8)}", test=test, number=number, assessor=assessor,
+            display=display, language=language, order_version=ORDER_VERSION,
+            order=tuple(dataclasses.asdict(item) for item in order), created=self._clock(),
+            profile=self.displays.get(display).as_dict(),
+        )  # fmt: skip
+
+    def _wrong_pixels(self, live: Live, pixels: object) -> str:
+        """Return the sides whose pixels, as reported, are not those of the stimulus."""
+        presentation = live.state.step.presentation
+        if presentation is None or not isinstance(pixels, Mapping):
+            return ""
+        known = {side: live.files[_key(live, presentation, side)].get("pixels") for side in "AB"}
+        return " and ".join(
+            side for side, right in known.items() if right and pixels.get(side, right) != right
+        )
+
+    def _bytes(self, live: Live, presentation: Presentation, side: str) -> bytes:
+        return self.shelf.serving(live.files[_key(live, presentation, side)])
+
+
+def _key(live: Live, presentation: Presentation, side: str) -> str:
+    is_reference = presentation.reference_is_a == (side == "A")
+    condition = live.plan.reference if is_reference else presentation.condition
+    return f"{presentation.content}/{condition}"
+
+
+def hashed(secret: str) -> str:
+    """Return what is stored of a secret."""
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
+def _check_invitation(plan: Plan, assessor: str, display: str, language: str) -> None:
+    if not _CODE.fullmatch(assessor):
+        raise PlanError(
+            f"assessor: {assessor!r} is not a code (letters, digits, . _ -; no name of a person)"
+        )
+    if display not in plan.displays:
+        raise PlanError(f"display: {display!r} is none of {', '.join(plan.displays)}")
+    if language not in LANGUAGES:
+        raise PlanError(f"language: {language!r} is none of {', '.join(LANGUAGES)}")

@@ -1,0 +1,140 @@
+"""What a test has recorded: its votes as a tidy table, and everything as one JSON document."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+from dscqs.order import Kind
+from dscqs.store import SessionRecord, SessionStore, StoredEvent, TestRecord
+from dscqs.votes import Vote, format_csv
+
+WITHDRAWN = "withdrawn"
+"""The ``kind`` of the votes of an assessor who left: kept, and not counted."""
+
+
+def votes_csv(store: SessionStore, test: str) -> str:
+    """Return the votes of a test as tidy CSV, dummies and training among them."""
+    record = store.test(test)
+    notes = [f"test: {record.name} ({record.id})", f"reference: {record.plan['reference']}"]
+    return format_csv(votes(store, record), notes=notes)
+
+
+def votes(store: SessionStore, test: TestRecord) -> list[Vote]:
+    """Return the votes of a test, session by session, in the order in which they were given."""
+    return [
+        vote
+        for session in store.sessions(test.id)
+        for vote in _votes_of(session, store.events(session.id))
+    ]
+
+
+def test_document(store: SessionStore, test: str) -> dict[str, Any]:
+    """Return plan, hashes, orders, forms and the audit trail of a test."""
+    record = store.test(test)
+    return {
+        "test": record.id,
+        "name": record.name,
+        "created": _time(record.created),
+        "plan": dict(record.plan),
+        "files": {
+            key: {name: file[name] for name in ("sha256", "media_type", "width", "height")}
+            for key, file in record.files.items()
+        },
+        "sessions": [
+            {
+                "session": session.id,
+                "assessor": session.assessor,
+                "number": session.number,
+                "display": session.display,
+                "language": session.language,
+                "role": session.role,
+                "group": session.group,
+                "created": _time(session.created),
+                "order_version": session.order_version,
+                "order": [dict(item) for item in session.order],
+                "forms": store.forms(session.id),
+                "events": [
+                    {
+                        "sequence": event.sequence, "at": _time(event.at), "name": event.name,
+                        **event.data,
+                    }
+                    for event in store.events(session.id)
+                ],
+            }
+            for session in store.sessions(test)
+        ],
+    }  # fmt: skip
+
+
+def _votes_of(session: SessionRecord, events: Iterable[StoredEvent]) -> list[Vote]:
+    """Return the votes that the events of a session hold.
+
+    Votes come in the order of the presentations, one after the other: that is what the state
+    machine lets through.
+    """
+    found: list[Vote] = []
+    is_withdrawn = False
+    at = failed = 0
+    log: Mapping[str, Any] = {}
+    for event in events:
+        match event.name:
+            case "withdrawn":
+                is_withdrawn = True
+            case "shown":
+                log = event.data["log"]
+                failed += event.data["outcome"] == "failed"
+            case "skipped":
+                at, failed = at + 1, 0
+            case "graded":
+                item = session.order[at]
+                extra = {
+                    "position": str(at + 1),
+                    "reference_side": "A" if item["reference_is_a"] else "B",
+                    "graded_at": _time(event.at),
+                    "failed_showings": str(failed),
+                    "late_frames": _sum(log, "late"),
+                    "dropped_frames": _sum(log, "dropped"),
+                }
+                found += _votes_of_one(session, item, event.data["grades"], extra)
+                at, failed = at + 1, 0
+    if is_withdrawn:
+        return [_marked(vote) for vote in found]
+    return found
+
+
+def _votes_of_one(
+    session: SessionRecord,
+    item: Mapping[str, Any],
+    grades: Mapping[str, Mapping[str, float]],
+    extra: Mapping[str, str],
+) -> list[Vote]:
+    reference, test = ("A", "B") if item["reference_is_a"] else ("B", "A")
+    return [
+        Vote(
+            assessor=session.assessor, display=session.display, content=item["content"],
+            condition=item["condition"], repetition=item["repetition"] + 1, dimension=dimension,
+            grade_reference=float(pair[reference]), grade_test=float(pair[test]),
+            kind=Kind(item["kind"]).value, extra=dict(extra),
+        )
+        for dimension, pair in grades.items()
+    ]  # fmt: skip
+
+
+def _sum(log: Mapping[str, Any], name: str) -> str:
+    """Return a sum over the intervals that a page reported, where it reported any."""
+    intervals = log.get("intervals")
+    if not isinstance(intervals, list):
+        return ""
+    values = [item.get(name) for item in intervals if isinstance(item, Mapping)]
+    return str(sum(value for value in values if isinstance(value, int)))
+
+
+def _marked(vote: Vote) -> Vote:
+    return dataclasses.replace(vote, kind=WITHDRAWN, extra={**vote.extra, "was": vote.kind})
+
+
+def _time(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")

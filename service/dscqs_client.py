@@ -1,0 +1,125 @@
+"""A client of subjective tests: the operator's side, and the assessor's as their page speaks it."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import httpx
+
+API = "/dscqs/api"
+
+
+class DscqsClientError(Exception):
+    """The service refused; the message is the service's."""
+
+    def __init__(self, status: int, code: str, message: str) -> None:
+        super().__init__(message)
+        self.status, self.code = status, code
+
+
+def ask(http: httpx.Client, method: str, path: str, json: Any = None) -> httpx.Response:
+    """Send a request and return the answer.
+
+    Raises
+    ------
+    DscqsClientError
+        If the service refuses.
+    """
+    answer = http.request(method, path, json=json, follow_redirects=False)
+    if answer.status_code >= 400:
+        try:
+            said = answer.json()
+        except ValueError:
+            said = {}
+        message = said.get("message") or said.get("detail") or f"status {answer.status_code}"
+        raise DscqsClientError(answer.status_code, said.get("code", ""), message)
+    return answer
+
+
+@dataclass(kw_only=True)
+class OperatorClient:
+    """Makes tests and watches over them; ``http`` sends the operator's token."""
+
+    http: httpx.Client
+
+    def login(self, token: str) -> None:
+        """Get the operator's cookie."""
+        ask(self.http, "POST", f"{API}/operator/login", {"token": token})
+
+    def make_test(self, plan: Mapping[str, Any]) -> str:
+        """Make a test of a plan; return its id."""
+        made = ask(self.http, "POST", f"{API}/operator/tests", dict(plan)).json()
+        return str(made["test"])
+
+    def invite(self, test: str, assessor: str, display: str, language: str = "en") -> str:
+        """Return a link into the session of an assessor."""
+        asked = {"assessor": assessor, "display": display, "language": language}
+        answer = ask(self.http, "POST", f"{API}/operator/tests/{test}/links", asked)
+        return str(answer.json()["link"])
+
+    def progress(self, test: str) -> list[dict[str, Any]]:
+        """Return where the sessions stand."""
+        return list(ask(self.http, "GET", f"{API}/operator/tests/{test}/progress").json())
+
+    def act(self, test: str, session: str, action: str) -> None:
+        """Pause, resume, withdraw or erase."""
+        ask(self.http, "POST", f"{API}/operator/tests/{test}/sessions/{session}/{action}")
+
+    def votes_csv(self, test: str) -> str:
+        """Return the votes as tidy CSV."""
+        return ask(self.http, "GET", f"{API}/operator/tests/{test}/export?format=csv").text
+
+    def document(self, test: str) -> dict[str, Any]:
+        """Return everything that was recorded."""
+        answer = ask(self.http, "GET", f"{API}/operator/tests/{test}/export?format=json")
+        return dict(answer.json())
+
+
+@dataclass(kw_only=True)
+class AssessorClient:
+    """What the page of an assessor does, request by request."""
+
+    http: httpx.Client
+    presentation: dict[str, Any] = field(default_factory=dict)
+    """The newest that was given out."""
+
+    def enter(self, link: str) -> None:
+        """Open a link, and keep its cookie."""
+        ask(self.http, "GET", link)
+
+    def state(self) -> dict[str, Any]:
+        """Return where the session stands."""
+        return dict(ask(self.http, "GET", f"{API}/assessor/state").json())
+
+    def leave(self, stage: str, answers: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Leave a stage: with answers a form, without one that asks for nothing."""
+        if answers is None:
+            return dict(ask(self.http, "POST", f"{API}/assessor/continue", {"stage": stage}).json())
+        asked = {"stage": stage, "answers": dict(answers)}
+        return dict(ask(self.http, "POST", f"{API}/assessor/forms", asked).json())
+
+    def present(self) -> dict[str, Any]:
+        """Ask for the presentation to show."""
+        self.presentation = ask(self.http, "GET", f"{API}/assessor/presentation").json()
+        return self.presentation
+
+    def fetch(self, side: str) -> bytes:
+        """Return the bytes of a side of it."""
+        return ask(self.http, "GET", self.presentation["sides"][side]).content
+
+    def shown(self, outcome: str = "ok", log: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Tell how the presentation went."""
+        asked = {"ticket": self.presentation["ticket"], "outcome": outcome, "log": dict(log or {})}
+        return dict(ask(self.http, "POST", f"{API}/assessor/shown", asked).json())
+
+    def grade(self, grades: Mapping[str, Any], submission: str | None = None) -> dict[str, Any]:
+        """Vote."""
+        asked = {
+            "ticket": self.presentation["ticket"],
+            "submission": submission or uuid.uuid4().hex,
+            "grades": dict(grades),
+        }
+        return dict(ask(self.http, "POST", f"{API}/assessor/grades", asked).json())

@@ -1,0 +1,190 @@
+"""Assessors: their link, their session, and nothing but their own next presentation.
+
+The protocol is described in ``docs/dscqs-api.md``.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi import Path as InPath
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from dscqs.desk import Desk
+from service.http.problems import responses
+
+router = APIRouter(prefix="/dscqs", tags=["subjective tests: assessors"])
+
+COOKIE = "dscqs_assessor"
+LARGEST = 65536
+"""Of what a page may say of a form, a showing or an event [bytes of JSON]."""
+
+STIMULUS = "/dscqs/api/assessor/stimulus/"
+
+Secret = Annotated[str, InPath(max_length=64)]
+Name = Annotated[str, Field(max_length=64)]
+
+
+class Asked(BaseModel):
+    """What a page sends; a field that is not known is an error."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Continue(Asked):
+    """Which stage is left."""
+
+    stage: Name
+
+
+def _small(value: dict[str, Any]) -> dict[str, Any]:
+    if len(json.dumps(value)) > LARGEST:
+        raise ValueError(f"has more than {LARGEST} bytes")
+    return value
+
+
+Said = Annotated[dict[str, Any], AfterValidator(_small)]
+
+
+class Form(Asked):
+    """The answers of a form."""
+
+    stage: Name
+    answers: Said
+
+
+class HowShown(Asked):
+    """How a presentation went."""
+
+    ticket: Name
+    outcome: Literal["ok", "failed"]
+    log: Said = {}
+
+
+class GradesSent(Asked):
+    """A vote."""
+
+    ticket: Name
+    submission: Name
+    grades: Said
+
+
+class NoteSent(Asked):
+    """Something for the audit trail."""
+
+    kind: Name
+    detail: Said = {}
+
+
+class State(BaseModel):
+    """Where the session stands."""
+
+    model_config = ConfigDict(extra="allow")
+
+    stage: str
+    index: int
+    total: int
+    language: str
+    display: str
+    dimensions: list[str]
+    variant: str
+    role: str
+
+
+class Assessor:
+    """Who asks: their session, and the desk that conducts it."""
+
+    def __init__(self, request: Request) -> None:
+        self.desk, self.session = desk_of(request, request.cookies.get(COOKIE))
+
+
+Asking = Annotated[Assessor, Depends(Assessor)]
+
+
+def desk_of(request: Request, cookie: str | None) -> tuple[Desk, str]:
+    """Return the desk and the session that a cookie lets in; dry runs have a desk of their own."""
+    desks = request.app.state.desks
+    desk = desks.dry if cookie and cookie.startswith(desks.DRY) else desks.real
+    return desk, desk.identify(cookie)
+
+
+@router.get("/a/{link}", status_code=303, response_class=Response, responses=responses(404, 410))
+def enter(request: Request, link: Secret) -> Response:
+    """Open a link: it works once, and sets the cookie of the session."""
+    desks = request.app.state.desks
+    _, cookie = (desks.dry if link.startswith(desks.DRY) else desks.real).enter(link)
+    answer = Response(status_code=303, headers={"Location": "/dscqs/pages/assessor.html"})
+    answer.set_cookie(
+        COOKIE, cookie, httponly=True, samesite="strict", secure=request.url.scheme == "https",
+        path="/dscqs",
+    )  # fmt: skip
+    return answer
+
+
+@router.get("/api/assessor/state", responses=responses(401))
+def state(asking: Asking) -> State:
+    """Tell where the session stands."""
+    return State(**asking.desk.state(asking.session))
+
+
+@router.get("/api/assessor/display", responses=responses(401))
+def display(asking: Asking) -> dict[str, Any]:
+    """Return the profile of the session's display, as it was when the session was made."""
+    return dict(asking.desk.display(asking.session))
+
+
+@router.post("/api/assessor/continue", responses=responses(400, 401, 409))
+def proceed(asking: Asking, asked: Continue) -> State:
+    """Leave a stage that asks for nothing more."""
+    return State(**asking.desk.proceed(asking.session, asked.stage))
+
+
+@router.post("/api/assessor/forms", responses=responses(400, 401, 409))
+def fill(asking: Asking, asked: Form) -> State:
+    """Store the answers of a form and go on."""
+    return State(**asking.desk.fill(asking.session, asked.stage, asked.answers))
+
+
+@router.get("/api/assessor/presentation", responses=responses(401, 409, 500))
+def present(asking: Asking) -> dict[str, Any]:
+    """Give out the presentation to show, under a new ticket; earlier tickets end."""
+    view = asking.desk.present(asking.session)
+    sides = {side: f"{STIMULUS}{token}" for side, token in view["sides"].items()}
+    return {**view, "sides": sides}
+
+
+@router.get(
+    "/api/assessor/stimulus/{token}",
+    response_class=Response,
+    responses={
+        200: {"content": {"image/png": {}, "video/webm": {}}},
+        **responses(401, 410),
+    },
+)
+def stimulus(asking: Asking, token: Secret) -> Response:
+    """Return the bytes of one side, once; no two answers have the same bytes."""
+    data, media_type = asking.desk.side(asking.session, token)
+    digest = base64.b64encode(hashlib.sha256(data).digest()).decode()
+    return Response(data, media_type=media_type, headers={"Repr-Digest": f"sha-256=:{digest}:"})
+
+
+@router.post("/api/assessor/shown", responses=responses(400, 401, 409))
+def shown(asking: Asking, asked: HowShown) -> State:
+    """Store how a presentation went; one that failed is offered again."""
+    return State(**asking.desk.shown(asking.session, asked.ticket, asked.outcome, asked.log))
+
+
+@router.post("/api/assessor/grades", responses=responses(400, 401, 409))
+def grade(asking: Asking, asked: GradesSent) -> State:
+    """Store a vote; the answer comes when it is on the disk."""
+    return State(**asking.desk.grade(asking.session, asked.ticket, asked.submission, asked.grades))
+
+
+@router.post("/api/assessor/events", status_code=204, responses=responses(400, 401))
+def note(asking: Asking, asked: NoteSent) -> None:
+    """Add to the audit trail."""
+    asking.desk.note(asking.session, asked.kind, asked.detail)
