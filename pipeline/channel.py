@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
@@ -84,3 +84,51 @@ class Channel(Generic[Item]):
                 yield self.take()
             except ChannelClosedError:
                 return
+
+
+class Ahead(Generic[Item]):
+    """An iterator over items that a thread of its own takes from their source ahead of time.
+
+    An error of the source is raised here, after the items before it.
+
+    Parameters
+    ----------
+    items : iterable
+        Used by that thread only, which begins at once.
+    name : str
+        Of the thread.
+    capacity : int
+        Items that may wait.
+    """
+
+    def __init__(self, items: Iterable[Item], *, name: str, capacity: int = 1) -> None:
+        self._items = items
+        self._channel: Channel[Item] = Channel(capacity)
+        self._thread = threading.Thread(target=self._fill, name=name)
+        self._thread.start()
+
+    def __iter__(self) -> Iterator[Item]:
+        return self
+
+    def __next__(self) -> Item:
+        try:
+            return self._channel.take()
+        except ChannelClosedError:
+            raise StopIteration from None
+
+    def close(self) -> None:
+        """End the thread, waiting for the item that is being made; may be called again."""
+        self._channel.close()
+        self._thread.join()
+
+    def _fill(self) -> None:
+        try:
+            for item in self._items:
+                self._channel.put(item)
+                del item  # it may be large, and the next one takes its time
+        except ChannelClosedError:
+            pass
+        except BaseException as error:  # it belongs to whoever takes the items
+            self._channel.finish(error)
+        else:
+            self._channel.finish()

@@ -25,9 +25,10 @@ from pipeline.metrics import psnr
 from pipeline.results import FrameResult, SuperResolvedImage
 from pipeline.run import Tools, run_job
 from pipeline.stop import StopFlag
-from pipeline.superresolve import superresolve
+from pipeline.superresolve import RegisteredFrame, superresolve
 from pipeline.synthetic import SampleScene, write_scene
 from pipeline.threads import set_threads
+from pipeline.worker import Worker
 
 WIDTH, HEIGHT, NUM_VIEWS = 256, 192, 8
 """LR pixels; cameras."""
@@ -122,13 +123,12 @@ def run_demo(
     settings = Settings(threads=threads)
     measured: list[_Measured] = []
 
-    def watched(
-        frame: MultiViewFrame, settings: Settings, *, targets: tuple[str, ...], **options: Any
-    ) -> FrameResult:
-        result = superresolve(frame, settings, targets=targets, **options)
-        if frame.frame_index % MEASURED_EVERY == 0:
-            measured.append(_measure(scene, frame, result, settings))
-        return result
+    class Watched(Worker):
+        def reconstruct(self, registered: RegisteredFrame) -> FrameResult:
+            result = super().reconstruct(registered)
+            if result.frame_index % MEASURED_EVERY == 0:
+                measured.append(_measure(scene, registered.frame, result, settings))
+            return result
 
     video = folder / "side-by-side.mkv"
     on_note(f"rendering {size.num_frames} frames of {size.num_views} views")
@@ -146,7 +146,7 @@ def run_demo(
         ),
         on_event=on_event,
         stop=stop,
-        tools=Tools(superresolve=watched),
+        tools=Tools(make_worker=Watched),
     )
     means = {method: float(np.mean([item.psnr[method] for item in measured])) for method in METHODS}
     picture = folder / "before-after.png"

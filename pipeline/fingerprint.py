@@ -10,6 +10,8 @@ from typing import Any
 
 from pipeline.job import Job
 from pipeline.report import to_plain, versions
+from pipeline.segments import WARM_UP
+from pipeline.superresolve import WARM
 
 RESULT_SETTINGS_IGNORED = frozenset({"threads"})
 """Settings that change the time but not the result, so that a resumed run may differ in them."""
@@ -24,6 +26,9 @@ def make_fingerprint(job: Job, frames: range, targets: tuple[str, ...]) -> dict[
         f"input {key}": value for key, value in to_plain(job.input).items() if key != "frames"
     }
     record |= {f"output {key}": value for key, value in to_plain(job.output).items()}
+    if job.settings.temporal == "warm":
+        record |= {f"warm {key}": value for key, value in to_plain(WARM).items()}
+        record["warm-up frames"] = WARM_UP
     record["frames"] = [frames.start, frames.stop]
     record["targets"] = list(targets)
     record["scene"] = str(job.scene.resolve())

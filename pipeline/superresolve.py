@@ -8,7 +8,7 @@ consumes that and knows nothing of depth, layers or cameras. This file hands the
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -44,8 +44,8 @@ from pipeline.results import (
     TargetReport,
     ViewReport,
 )
-from pipeline.temporal.initial import StartChoice, warm_estimate
-from pipeline.threads import map_threads, set_threads
+from pipeline.temporal.initial import BlockMatch, StartChoice, match_blocks, warped
+from pipeline.threads import map_threads, set_threads, stoppable
 
 PICTURE_LAYERS = 11
 """Depth layers shown in debug pictures where the method has none of its own (thesis Figure 2)."""
@@ -69,6 +69,33 @@ class _Target:
     report: TargetReport
     debug: TargetDebug | None
     estimate: GreyImage
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RegisteredFrame:
+    """A frame whose views are registered: all that its reconstruction needs."""
+
+    frame: MultiViewFrame
+    settings: Settings
+    targets: tuple[str, ...]
+    sources: tuple[str, ...]
+    """Ids of the observed views."""
+    psf: GaussianPsf
+    noise: float
+    """Standard deviation, grey levels."""
+    registrations: Mapping[str, Sequence[ViewRegistration]]
+    """By target, every source view registered onto it."""
+    matches: Mapping[str, BlockMatch]
+    """By target: how the previous frame's result is moved to where this one starts; empty
+    where the frame starts cold."""
+    is_cut: bool
+    """Whether the frame before this one shows something else."""
+    turn: int
+    """Frames since the chain began."""
+    layers: Mapping[str, npt.NDArray[np.int32]] | None
+    """Depth layers by view id, where pictures of them are wanted."""
+    timings: Mapping[str, float]
+    """Seconds by stage."""
 
 
 def superresolve(
@@ -98,7 +125,7 @@ def superresolve(
     keep_intermediates : bool
         Whether the result carries what debug pictures need.
     stop : callable, optional
-        Polled between stages and sweeps.
+        Polled between stages, views and sweeps.
     memory : Memory, optional
         Of the chain of frames that this one goes on; it is brought up to date.
 
@@ -114,6 +141,28 @@ def superresolve(
         If the settings say that the PSF is estimated and no estimate is handed over.
     Interrupted
         If ``stop`` said so; nothing is returned then.
+    """
+    registered = register_frame(
+        frame, settings, targets=targets, observed_views=observed_views, psf=psf,
+        keep_intermediates=keep_intermediates, stop=stop, memory=memory,
+    )  # fmt: skip
+    return reconstruct_frame(registered, stop=stop, memory=memory)
+
+
+def register_frame(
+    frame: MultiViewFrame,
+    settings: Settings,
+    *,
+    targets: tuple[str, ...],
+    observed_views: tuple[str, ...] | None = None,
+    psf: GaussianPsf | None = None,
+    keep_intermediates: bool = False,
+    stop: Callable[[], bool] | None = None,
+    memory: Memory | None = None,
+) -> RegisteredFrame:
+    """Do the first half of :func:`superresolve`, which takes the same parameters.
+
+    Of a chain, the next frame may be registered while this one is reconstructed.
     """
     set_threads(settings.threads)
     clock = _Stages(stop)
@@ -134,96 +183,134 @@ def superresolve(
         psf = given_psf(settings)
     method = chosen_method(settings)
     clock.done("preparation")
-    starts = {
-        target: _start(memory, frame.view(target), settings.grid, noise) for target in targets
-    }
-    previous = None
-    if memory is not None and memory.previous is not None:
-        if any(choice.is_cut for _, choice in starts.values()):
+    with stoppable(stop):
+        matches = {} if memory is None else memory.matches(frame, targets, noise)
+        is_cut = any(match.is_cut for match in matches.values())
+        if is_cut and memory is not None:
             memory.forget()
-        else:
-            previous = memory.previous
-    prepared, registrations = _registered(
-        frame, views, targets, sources, settings, method, noise, previous
-    )
+            matches = {}
+        prepared, registrations = _registered(
+            frame, views, targets, sources, settings, method, noise,
+            None if memory is None else memory.previous,
+        )  # fmt: skip
+    if memory is not None:
+        memory.keep(
+            prepared, registrations, {target: frame.view(target).luma for target in targets}
+        )
     clock.done("registration")
+    return RegisteredFrame(
+        frame=frame,
+        settings=settings,
+        targets=targets,
+        sources=sources,
+        psf=psf,
+        noise=noise,
+        registrations=registrations,
+        matches=matches,
+        is_cut=is_cut,
+        turn=1 if memory is None else memory.turn,
+        layers=_layers_of(prepared, method) if keep_intermediates else None,
+        timings=clock.timings,
+    )
+
+
+def reconstruct_frame(
+    registered: RegisteredFrame,
+    *,
+    stop: Callable[[], bool] | None = None,
+    memory: Memory | None = None,
+) -> FrameResult:
+    """Do the second half of :func:`superresolve`: the images of a registered frame."""
+    frame, settings, psf = registered.frame, registered.settings, registered.psf
+    clock = _Stages(stop)
 
     def reconstruct(target: str) -> _Target:
         return _reconstruct(
-            frame, settings, psf, noise, registrations[target], frame.view(target),
-            _layers_of(prepared, method) if keep_intermediates else None, stop,
-            starts[target] if previous is not None else (None, starts[target][1]),
-        )  # fmt: skip
-
-    results = map_threads(reconstruct, targets)
-    clock.done("reconstruction")
-    images = {result.image.view_id: result.image for result in results}
-    for target in targets:
-        images[target] = replace(
-            images[target], chroma=_chroma(frame, settings, target, sources, psf)
+            registered,
+            target,
+            stop,
+            None if memory is None else memory.estimate(registered, target),
         )
+
+    with stoppable(stop):
+        results = map_threads(reconstruct, registered.targets)
+        if memory is not None:
+            memory.keep_estimates(
+                registered, {result.image.view_id: result.estimate for result in results}
+            )
+        clock.done("reconstruction")
+        images = {result.image.view_id: result.image for result in results}
+        for target in registered.targets:
+            chroma = _chroma(frame, settings, target, registered.sources, psf)
+            images[target] = replace(images[target], chroma=chroma)
     clock.done("chroma")
     report = FrameReport(
         frame_index=frame.frame_index,
-        noise_sigma=noise,
+        noise_sigma=registered.noise,
         noise_is_estimated=settings.noise_sigma is None,
         psf_sigma=psf.sigma,
         psf_support=psf.support,
         psf_is_estimated=settings.psf == "auto",
         targets=tuple(result.report for result in results),
-        timings=clock.timings,
-        warnings=(*_warnings(frame, sources), *_unused(settings, method)),
+        timings={**registered.timings, **clock.timings},
+        warnings=(
+            *_warnings(frame, registered.sources),
+            *_unused(settings, chosen_method(settings)),
+        ),
     )
-    if memory is not None:
-        memory.keep(
-            prepared, registrations,
-            {target: frame.view(target).luma for target in targets},
-            {result.image.view_id: result.estimate for result in results},
-        )  # fmt: skip
     debug = {result.image.view_id: result.debug for result in results if result.debug is not None}
     return FrameResult(frame_index=frame.frame_index, images=images, report=report, debug=debug)
 
 
 class Memory:
-    """What one frame of a chain leaves to the next; one owner, one stream."""
+    """What one frame of a chain leaves to the next; one owner, one stream.
+
+    Registration and reconstruction each have their part of it, so that the one may be a frame
+    ahead of the other.
+    """
 
     def __init__(self) -> None:
         self.forget()
+        self._estimates: dict[str, GreyImage] = {}
+        self._estimated_turn = 0
 
     def forget(self) -> None:
         """Start a new chain: the next frame is computed on its own."""
         self.previous: Previous | None = None
-        self._turn = 0
-        self.observed: dict[str, GreyImage] = {}
-        self.estimates: dict[str, GreyImage] = {}
+        self.turn = 0
+        self._observed: dict[str, GreyImage] = {}
+
+    def matches(
+        self, frame: MultiViewFrame, targets: Sequence[str], noise: float
+    ) -> dict[str, BlockMatch]:
+        """Return how the targets have moved since the previous frame; empty where there is none."""
+        if self.previous is None:
+            return {}
+        return {
+            target: match_blocks(frame.view(target).luma, self._observed[target], noise)
+            for target in targets
+        }
 
     def keep(
         self,
         prepared: dict[str, PreparedView],
         registrations: dict[str, list[ViewRegistration]],
         observed: dict[str, GreyImage],
-        estimates: dict[str, GreyImage],
     ) -> None:
-        """Remember a frame that is done."""
-        self._turn += 1
-        self.previous = Previous(prepared=prepared, registrations=registrations, turn=self._turn)
-        self.observed, self.estimates = observed, estimates
+        """Remember a frame that is registered."""
+        self.turn += 1
+        self.previous = Previous(prepared=prepared, registrations=registrations, turn=self.turn)
+        self._observed = observed
 
+    def estimate(self, registered: RegisteredFrame, target: str) -> GreyImage | None:
+        """Return the previous frame's estimate of a target; None where the chain has none."""
+        if target not in registered.matches or self._estimated_turn != registered.turn - 1:
+            return None
+        return self._estimates[target]
 
-def _start(
-    memory: Memory | None, view: View, grid: Grid, noise: float
-) -> tuple[GreyImage | None, StartChoice]:
-    """Return the estimate that a reference view starts from, None where that is the cold one."""
-    cold = StartChoice(warm_share=0.0, is_cut=False)
-    if memory is None or view.view_id not in memory.estimates:
-        return None, cold
-    before = memory.observed[view.view_id]
-    if before.shape != view.luma.shape:
-        return None, replace(cold, is_cut=True)
-    return warm_estimate(
-        view.luma, before, memory.estimates[view.view_id],
-        initial_estimate(view.luma, grid), grid, noise,
-    )  # fmt: skip
+    def keep_estimates(self, registered: RegisteredFrame, estimates: dict[str, GreyImage]) -> None:
+        """Remember a frame that is reconstructed."""
+        self._estimated_turn, self._estimates = registered.turn, estimates
 
 
 class _Stages:
@@ -291,22 +378,23 @@ def _registered(
 
 
 def _reconstruct(
-    frame: MultiViewFrame,
-    settings: Settings,
-    psf: GaussianPsf,
-    noise: float,
-    registrations: Sequence[ViewRegistration],
-    reference: View,
-    layers: dict[str, npt.NDArray[np.int32]] | None,
+    frame: RegisteredFrame,
+    target: str,
     stop: Callable[[], bool] | None,
-    start: tuple[GreyImage | None, StartChoice],
+    previous: GreyImage | None,
 ) -> _Target:
     """Return one reference view reconstructed from the views registered onto it."""
-    grid = settings.grid
+    settings, grid = frame.settings, frame.settings.grid
+    reference, registrations = frame.frame.view(target), frame.registrations[target]
     registered = [registration.registered for registration in registrations]
     lr_shape = reference.luma.shape
+    start, choice = None, StartChoice(warm_share=0.0, is_cut=frame.is_cut)
+    if previous is not None:
+        match = frame.matches[target]
+        start = warped(match, previous, initial_estimate(reference.luma, grid), grid)
+        choice = match.choice
     solved = _solve(
-        settings, psf, noise, registered, grid, (lr_shape[0], lr_shape[1]), stop, start[0]
+        settings, frame.psf, frame.noise, registered, grid, (lr_shape[0], lr_shape[1]), stop, start
     )
     if stop is not None and stop():
         raise Interrupted
@@ -333,10 +421,10 @@ def _reconstruct(
         iterations=solved.iterations,
         stop_reason=solved.stop_reason,
         residuals=solved.residuals,
-        start=start[1],
+        start=choice,
     )
     debug = None
-    if layers is not None:
+    if frame.layers is not None:
         debug = TargetDebug(
             view_id=reference.view_id,
             registered=tuple(
@@ -348,7 +436,7 @@ def _reconstruct(
                 registration.registered.view_id: registration.patch_labels
                 for registration in registrations
             },
-            layer_labels=layers,
+            layer_labels=frame.layers,
             contribution_count=solved.density,
         )
     image = SuperResolvedImage(view_id=reference.view_id, luma=np.clip(solved.estimate, 0.0, 255.0))

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import TypeVar
 
 import cv2
+
+from pipeline.errors import Interrupted
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -42,8 +45,7 @@ def set_threads(threads: int) -> int:
     wanted = threads if threads > 0 else available_cores()
     with _lock:
         if wanted != _size:
-            if _pool is not None:
-                _pool.shutdown(wait=False)
+            # who holds the old pool finishes with it; its threads end when nobody does
             _pool = None
             _size = wanted
     cv2.setNumThreads(wanted)
@@ -63,6 +65,23 @@ def thread_pool() -> ThreadPoolExecutor:
         if _pool is None:
             _pool = ThreadPoolExecutor(max_workers=count, thread_name_prefix="depthsr")
         return _pool
+
+
+@contextmanager
+def stoppable(stop: Callable[[], bool] | None) -> Iterator[None]:
+    """Let :func:`map_threads`, called by this thread, end early: ``stop`` is asked per item.
+
+    Raises
+    ------
+    Interrupted
+        Out of :func:`map_threads`, once ``stop`` says so.
+    """
+    before = getattr(_state, "stop", None)
+    _state.stop = stop or before
+    try:
+        yield
+    finally:
+        _state.stop = before
 
 
 def map_threads(
@@ -87,13 +106,20 @@ def map_threads(
     """
     work = list(items)
     limit = min(threads or thread_count(), thread_count(), len(work))
+    stop = getattr(_state, "stop", None)
+
+    def unless_stopped(item: Item) -> Result:
+        if stop is not None and stop():
+            raise Interrupted
+        return function(item)
+
     if limit <= 1 or getattr(_state, "inside", False):
-        return [function(item) for item in work]
+        return [unless_stopped(item) for item in work]
 
     def guarded(item: Item) -> Result:
         _state.inside = True
         try:
-            return function(item)
+            return unless_stopped(item)
         finally:
             _state.inside = False
 

@@ -39,7 +39,32 @@ def work_folder_of(result: Path) -> Path:
     return result.parent / f".{result.name}.depthsr"
 
 
-class WorkFolder:
+class SegmentFiles:
+    """The files of the segments in a work folder, wherever they are computed.
+
+    Parameters
+    ----------
+    folder : Path
+        It must exist.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def stem(self, segment: Segment) -> Path:
+        """Return the path of a segment's files, without their endings."""
+        return self.folder / segment.name
+
+    def account(self, segment: Segment) -> dict[str, Any] | None:
+        """Return the account of a finished segment; None where it is not finished."""
+        return _read(self.folder / f"{segment.name}.json")
+
+    def finish(self, segment: Segment, account: Mapping[str, Any]) -> None:
+        """Write the segment's account: from here on it counts as finished."""
+        write_atomic(self.folder / f"{segment.name}.json", strict_json(account).encode())
+
+
+class WorkFolder(SegmentFiles):
     """An open, locked work folder; a context manager that unlocks it.
 
     Parameters
@@ -65,14 +90,14 @@ class WorkFolder:
         *,
         resume: bool,
     ) -> None:
-        self.folder = folder
+        super().__init__(folder)
         self._made = not folder.exists()
         self._lock: IO[str] | None = None
         wanted = {"format": JOB_FORMAT, **to_plain(dict(fingerprint))}
         try:
             folder.mkdir(exist_ok=True)
             self._lock = self._locked()
-            found = self._read(folder / "job.json")
+            found = _read(folder / "job.json")
             if found is not None and resume:
                 difference = describe_difference(found, wanted)
                 if difference:
@@ -109,18 +134,6 @@ class WorkFolder:
             self._lock.close()
             self._lock = None
 
-    def stem(self, segment: Segment) -> Path:
-        """Return the path of a segment's files, without their endings."""
-        return self.folder / segment.name
-
-    def account(self, segment: Segment) -> dict[str, Any] | None:
-        """Return the account of a finished segment; None where it is not finished."""
-        return self._read(self.folder / f"{segment.name}.json")
-
-    def finish(self, segment: Segment, account: Mapping[str, Any]) -> None:
-        """Write the segment's account: from here on it counts as finished."""
-        write_atomic(self.folder / f"{segment.name}.json", strict_json(account).encode())
-
     def remove(self) -> None:
         """Remove the folder: the job is done."""
         self._discard()
@@ -147,10 +160,10 @@ class WorkFolder:
             if path.name != "lock" and path.is_file() and not keep:
                 path.unlink()
 
-    @staticmethod
-    def _read(path: Path) -> dict[str, Any] | None:
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except (FileNotFoundError, ValueError):
-            return None
-        return content if isinstance(content, dict) else None
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):
+        return None
+    return content if isinstance(content, dict) else None

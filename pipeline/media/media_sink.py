@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from pipeline.channel import Channel, ChannelClosedError
@@ -77,9 +77,12 @@ class MediaSink:
             for _ in pictures:
                 pass
         elif self._layout is StereoLayout.VIEWS:
-            self._write_views(segment, stem, pictures)
+            by_view = (
+                {view_id: (picture,) for view_id, picture in item.items()} for item in pictures
+            )
+            self._write_files(segment, stem, by_view, timings)
         else:
-            self._write_video(_with_suffix(stem), segment, map(self._eyes, pictures))
+            self._write_files(segment, stem, ({"": self._eyes(item)} for item in pictures), timings)
         return timings
 
     def files_of(self, segment: Segment, stem: Path) -> Sequence[Path]:
@@ -138,10 +141,9 @@ class MediaSink:
                 for view_id, name in self.plan.picture_names.items():
                     write_png(png_path(folder, name, result.frame_index), pictures[view_id])
             written = self._clock()
-            yield pictures
             timings["pack"] += packed - begin
             timings["png"] += written - packed
-            timings["encode"] += self._clock() - written
+            yield pictures
 
     def _picture(self, image: SuperResolvedImage) -> Picture:
         if image.chroma is None:
@@ -153,44 +155,61 @@ class MediaSink:
             return (pictures[self.plan.targets[0]],)
         return pictures[self.plan.left], pictures[self.plan.right]
 
-    def _write_video(self, path: Path, segment: Segment, frames: Iterable[Eyes]) -> None:
+    def _write_files(
+        self,
+        segment: Segment,
+        stem: Path,
+        frames: Iterable[Mapping[str, Eyes]],
+        timings: dict[str, float],
+    ) -> None:
+        """Encode while the caller's thread packs: every file has a thread, and waits for no other.
+
+        Parameters
+        ----------
+        frames : iterable
+            The eyes of each frame by the id of the file, as of :meth:`_segment_files`.
+        """
         assert self._format is not None
-        write_segment(path, self._format, frames, first_frame=segment.start)
-
-    def _write_views(self, segment: Segment, stem: Path, frames: Iterable[Pictures]) -> None:
-        """Write one file a view, all at once: every view has a thread and waits for no other."""
+        video_format = self._format
         failures: list[BaseException] = []
-        channels: dict[str, Channel[Picture]] = {
-            view_id: Channel(1) for view_id in self.plan.targets
-        }
+        seconds: list[float] = []
+        files = self._segment_files(stem)
+        channels: dict[str, Channel[Eyes]] = {name: Channel(1) for name in files}
 
-        def write(view_id: str, path: Path) -> None:
-            channel = channels[view_id]
+        def write(name: str, path: Path) -> None:
+            channel = channels[name]
+            waited = 0.0
 
             def eyes() -> Iterator[Eyes]:
+                nonlocal waited
                 for _ in range(len(segment)):
-                    yield (channel.take(),)
+                    begin = self._clock()
+                    item = channel.take()
+                    waited += self._clock() - begin
+                    yield item
 
+            begin = self._clock()
             try:
-                self._write_video(path, segment, eyes())
+                write_segment(path, video_format, eyes(), first_frame=segment.start)
             except ChannelClosedError:
                 pass
             except BaseException as error:  # raised again by the caller's thread
                 failures.append(error)
             finally:
                 channel.close()
+                seconds.append(self._clock() - begin - waited)
 
         threads = [
-            threading.Thread(target=write, args=item, name=f"depthsr-write-{item[0]}")
-            for item in self._segment_files(stem).items()
+            threading.Thread(target=write, args=item, name=f"depthsr-encode-{item[0]}")
+            for item in files.items()
         ]
         for thread in threads:
             thread.start()
         complete = False
         try:
-            for pictures in frames:
-                for view_id, channel in channels.items():
-                    channel.put(pictures[view_id])
+            for item in frames:
+                for name, channel in channels.items():
+                    channel.put(item[name])
             complete = True
         except ChannelClosedError:
             if not failures:
@@ -200,6 +219,7 @@ class MediaSink:
                 channel.finish() if complete else channel.close()
             for thread in threads:
                 thread.join()
+            timings["encode"] += sum(seconds)
         if failures:
             raise failures[0]
 

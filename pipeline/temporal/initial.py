@@ -39,6 +39,27 @@ class StartChoice:
     """Whether too few blocks matched, so that the whole frame starts cold."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockMatch:
+    """Where the blocks of a picture are found in the previous one."""
+
+    motion: npt.NDArray[np.int32]
+    """(R, C, 2): (x, y) by which a block's pixels are found there, LR pixels."""
+    matched: npt.NDArray[np.bool_]
+    """(R, C): whether that may be believed."""
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether so few blocks match that the whole frame starts cold: a cut, or a flash."""
+        return bool(self.matched.mean() < CUT)
+
+    @property
+    def choice(self) -> StartChoice:
+        """What the report says."""
+        share = 0.0 if self.is_cut else float(self.matched.mean())
+        return StartChoice(warm_share=share, is_cut=self.is_cut)
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def _match(now, before, reach, block, limit, motion, matched):
     """Fill each block's motion (x, y) and whether it holds; the shortest motion that does wins."""
@@ -73,29 +94,24 @@ def _match(now, before, reach, block, limit, motion, matched):
             matched[row, column] = best <= bound
 
 
-def matched_blocks(
-    now: GreyImage, before: GreyImage, noise: float
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
+def match_blocks(now: GreyImage, before: GreyImage, noise: float) -> BlockMatch:
     """Return each block's motion to the previous picture, and whether the match may be believed.
+
+    A block in which only a part disagrees, a small thing that moves, is not matched.
 
     Parameters
     ----------
     now, before : (H, W) float32
-        LR pictures of one view.
+        LR pictures of one view; pictures of unequal sizes match nowhere.
     noise : float
         Standard deviation, grey levels.
-
-    Returns
-    -------
-    motion : (R, C, 2) int32
-        (x, y) by which a block's pixels are found in ``before``, LR pixels.
-    matched : (R, C) bool
-        False also where only a part of the block disagrees: a small thing that moves.
     """
     height, width = now.shape
     rows, columns = -(-height // BLOCK), -(-width // BLOCK)
     motion = np.zeros((rows, columns, 2), np.int32)
     matched = np.zeros((rows, columns), np.bool_)
+    if before.shape != now.shape:
+        return BlockMatch(motion=motion, matched=matched)
     variance = 2 * noise**2
     limit = 1.5 * variance + TOLERATED**2
     _match(now, before, REACH, BLOCK, limit, motion, matched)
@@ -108,7 +124,7 @@ def matched_blocks(
     padded = np.zeros((rows * BLOCK, columns * BLOCK), bool)
     padded[:height, :width] = bad
     matched &= ~padded.reshape(rows, BLOCK, columns, BLOCK).any(axis=(1, 3))
-    return motion, matched
+    return BlockMatch(motion=motion, matched=matched)
 
 
 def _spread(
@@ -131,29 +147,24 @@ def _sources(
     return np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
 
 
-def warm_estimate(
-    now: GreyImage,
-    before: GreyImage,
+def warped(
+    match: BlockMatch,
     previous: npt.NDArray[np.float32],
     cold: npt.NDArray[np.float32],
     grid: Grid,
-    noise: float,
-) -> tuple[npt.NDArray[np.float32] | None, StartChoice]:
-    """Return the estimate a reconstruction starts from, None where it must start cold.
+) -> npt.NDArray[np.float32]:
+    """Return the estimate that a reconstruction starts from.
 
     Parameters
     ----------
-    now, before : (H, W) float32
-        The reference view in this frame and in the previous one.
+    match : BlockMatch
+        Of the reference view, to the previous frame.
     previous, cold : (K·H, K·W) float32
-        The previous frame's result, and the cold start of this one.
+        The previous frame's result, which matched blocks take moved, and the cold start, which
+        the others take.
     """
-    motion, matched = matched_blocks(now, before, noise)
-    share = float(matched.mean())
-    if share < CUT:
-        return None, StartChoice(warm_share=0.0, is_cut=True)
+    shape = previous.shape
     across, down = grid.magnification_x, grid.magnification_y
-    height, width = previous.shape
-    x, y = _sources(motion, (height, width), across, down)
-    take = _spread(matched, (height, width), across, down)
-    return np.where(take, previous[y, x], cold), StartChoice(warm_share=share, is_cut=False)
+    x, y = _sources(match.motion, (shape[0], shape[1]), across, down)
+    take = _spread(match.matched, (shape[0], shape[1]), across, down)
+    return np.where(take, previous[y, x], cold)

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from pipeline.channel import Channel, ChannelClosedError
+from pipeline.channel import Ahead, Channel, ChannelClosedError
 
 
 def _in_thread(function) -> threading.Thread:
@@ -72,3 +72,41 @@ def test_closing_frees_a_consumer_that_waits():
     channel.close()
     thread.join(5)
     assert ended == [True]
+
+
+def test_what_is_made_ahead_arrives_in_order_and_its_error_after_it():
+    def items():
+        yield from range(5)
+        raise ValueError("broken")
+
+    ahead = Ahead(items(), name="maker")
+    assert [next(ahead) for _ in range(5)] == [0, 1, 2, 3, 4]
+    with pytest.raises(ValueError, match="broken"):
+        next(ahead)
+    ahead.close()
+
+
+def test_no_more_is_made_ahead_than_may_wait():
+    made = []
+
+    def items():
+        for number in range(100):
+            made.append(number)
+            yield number
+
+    ahead = Ahead(items(), name="maker", capacity=2)
+    for item in ahead:
+        assert len(made) <= item + 5  # two wait, one is in the hand, one is being put
+        if item == 20:
+            break
+    ahead.close()
+    assert len(made) < 30
+    assert list(ahead) == []
+
+
+def test_closing_ends_the_thread():
+    ahead = Ahead(iter(int, 1), name="endless")
+    assert next(ahead) == 0
+    ahead.close()
+    ahead.close()
+    assert "endless" not in [thread.name for thread in threading.enumerate()]

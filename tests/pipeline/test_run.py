@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import threading
+import time
 from fractions import Fraction
 from pathlib import Path
 
@@ -68,6 +69,25 @@ def enlarge(frame, settings, *, targets, observed_views=None, keep_intermediates
     return FrameResult(frame_index=frame.frame_index, images=images, report=report)
 
 
+def worker(compute):
+    """Return what makes workers whose second half is ``compute`` and whose first does nothing."""
+
+    class Simple:
+        def __init__(self, settings, *, stop, **arguments):
+            self.settings, self.arguments = settings, arguments
+
+        def reset(self):
+            pass
+
+        def register(self, frame):
+            return frame
+
+        def reconstruct(self, registered):
+            return compute(registered, self.settings, **self.arguments)
+
+    return Simple
+
+
 def _tools(frames, *, sinks: list | None = None, pixel_aspect=Fraction(1), **other) -> Tools:
     def open_scene(path, *, views=None, **_):
         source = MemorySource(frames, path=str(path), pixel_aspect=pixel_aspect)
@@ -80,8 +100,8 @@ def _tools(frames, *, sinks: list | None = None, pixel_aspect=Fraction(1), **oth
         (sinks if sinks is not None else []).append(sink)
         return sink
 
-    parts = {"open_scene": open_scene, "superresolve": enlarge, "make_sink": make_sink, **other}
-    return Tools(**parts)
+    parts = {"open_scene": open_scene, "make_worker": worker(enlarge), "make_sink": make_sink}
+    return Tools(**parts | other)
 
 
 def _job(folder: Path, **options) -> Job:
@@ -177,7 +197,7 @@ class _Dies:
 def test_resumed_run_computes_only_what_is_missing(tmp_path):
     job = _job(tmp_path)
     with pytest.raises(RuntimeError, match="boom"):
-        run_job(job, tools=_tools(_frames(7), superresolve=_Dies(5, RuntimeError("boom"))))
+        run_job(job, tools=_tools(_frames(7), make_worker=worker(_Dies(5, RuntimeError("boom")))))
     folder = tmp_path / ".out.mkv.depthsr"
     assert not (tmp_path / "out.mkv").exists()
     kept = sorted(path.name for path in folder.glob("segment-*.json"))
@@ -198,14 +218,14 @@ def test_resumed_run_computes_only_what_is_missing(tmp_path):
 def test_without_resume_old_work_is_discarded(tmp_path):
     job = _job(tmp_path)
     with pytest.raises(RuntimeError):
-        run_job(job, tools=_tools(_frames(7), superresolve=_Dies(5, RuntimeError("boom"))))
+        run_job(job, tools=_tools(_frames(7), make_worker=worker(_Dies(5, RuntimeError("boom")))))
     assert run_job(job, tools=_tools(_frames(7))).frames_computed == 7
 
 
 def test_a_segment_whose_file_is_gone_is_computed_again(tmp_path):
     job = _job(tmp_path)
     with pytest.raises(RuntimeError):
-        run_job(job, tools=_tools(_frames(7), superresolve=_Dies(6, RuntimeError("boom"))))
+        run_job(job, tools=_tools(_frames(7), make_worker=worker(_Dies(6, RuntimeError("boom")))))
     (tmp_path / ".out.mkv.depthsr" / "segment-000000.txt").unlink()
     run_job(job, resume=True, tools=_tools(_frames(7)))
     assert _numbers(tmp_path / "out.mkv") == [5, 6, 7, 8, 9, 10, 11]
@@ -214,7 +234,8 @@ def test_a_segment_whose_file_is_gone_is_computed_again(tmp_path):
 def test_resuming_another_job_is_refused_and_says_what_differs(tmp_path):
     with pytest.raises(RuntimeError):
         run_job(
-            _job(tmp_path), tools=_tools(_frames(7), superresolve=_Dies(5, RuntimeError("boom")))
+            _job(tmp_path),
+            tools=_tools(_frames(7), make_worker=worker(_Dies(5, RuntimeError("boom")))),
         )
     other = _job(tmp_path, settings=Settings(noise_sigma=3))
     with pytest.raises(OutputError, match="noise_sigma was None, is 3") as caught:
@@ -227,7 +248,8 @@ def test_resuming_another_job_is_refused_and_says_what_differs(tmp_path):
 def test_resuming_over_a_changed_scene_is_refused(tmp_path):
     with pytest.raises(RuntimeError):
         run_job(
-            _job(tmp_path), tools=_tools(_frames(7), superresolve=_Dies(5, RuntimeError("boom")))
+            _job(tmp_path),
+            tools=_tools(_frames(7), make_worker=worker(_Dies(5, RuntimeError("boom")))),
         )
     job = _job(tmp_path)
     job.scene.write_text('{"changed": true}')
@@ -252,15 +274,22 @@ def test_stop_flag_ends_the_job_and_keeps_finished_segments(tmp_path):
     assert _numbers(tmp_path / "out.mkv") == list(range(5, 205))
 
 
-def test_a_signal_breaks_off_a_long_computation(tmp_path):
+def test_a_stop_breaks_off_a_long_computation(tmp_path):
     stop = StopFlag()
 
-    def endless(*_, **__):
-        stop.from_signal()  # as the handler does, in the main thread, amid the computation
-        raise AssertionError("went on")
+    class Endless(worker(enlarge)):
+        def __init__(self, settings, *, stop, **arguments):
+            super().__init__(settings, stop=stop, **arguments)
+            self.asked = stop
+
+        def register(self, frame):
+            stop.from_signal()  # as the handler does, amid the computation
+            while not self.asked():
+                time.sleep(0.01)
+            raise Interrupted
 
     with pytest.raises(Interrupted):
-        run_job(_job(tmp_path), stop=stop, tools=_tools(_frames(3), superresolve=endless))
+        run_job(_job(tmp_path), stop=stop, tools=_tools(_frames(3), make_worker=Endless))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.json"]
 
 
@@ -268,7 +297,8 @@ def test_no_thread_outlives_a_job(tmp_path):
     before = set(threading.enumerate())
     with pytest.raises(RuntimeError):
         run_job(
-            _job(tmp_path), tools=_tools(_frames(9), superresolve=_Dies(1, RuntimeError("boom")))
+            _job(tmp_path),
+            tools=_tools(_frames(9), make_worker=worker(_Dies(1, RuntimeError("boom")))),
         )
     left = [t for t in set(threading.enumerate()) - before if t.name.startswith("depthsr-")]
     assert left == []
@@ -354,14 +384,14 @@ def test_two_runs_of_one_output_do_not_mix(tmp_path):
             run_job(_job(tmp_path), tools=_tools(_frames(2)))
         return enlarge(*arguments, **options)
 
-    run_job(_job(tmp_path), tools=_tools(_frames(2), superresolve=second))
+    run_job(_job(tmp_path), tools=_tools(_frames(2), make_worker=worker(second)))
     assert _numbers(tmp_path / "out.mkv") == [5, 6]
 
 
 def test_pictures_carry_source_frame_numbers_and_the_values_computed(tmp_path):
     """With the real sink: lossless PNG, and a resumed run that misses one of them."""
     frames = _frames(3)
-    tools = Tools(open_scene=lambda path, **_: MemorySource(frames), superresolve=enlarge)
+    tools = Tools(open_scene=lambda path, **_: MemorySource(frames), make_worker=worker(enlarge))
     folder = tmp_path / "pictures"
     run_job(_job(tmp_path, output=None, frames_dir=folder), tools=tools)
     names = sorted(path.name for path in folder.iterdir())
@@ -384,12 +414,14 @@ def test_interrupted_and_resumed_video_is_the_same_file(tmp_path):
             if way == "resumed":
                 broken = Tools(
                     open_scene=lambda path, **_: MemorySource(frames),
-                    superresolve=_Dies(3, RuntimeError("boom")),
+                    make_worker=worker(_Dies(3, RuntimeError("boom"))),
                 )
                 with pytest.raises(RuntimeError):
                     run_job(job, tools=broken)
                 assert not list(folder.glob("out*"))
-            tools = Tools(open_scene=lambda path, **_: MemorySource(frames), superresolve=enlarge)
+            tools = Tools(
+                open_scene=lambda path, **_: MemorySource(frames), make_worker=worker(enlarge)
+            )
             run_job(job, resume=True, tools=tools)
             bytes_of[way] = [(folder / name).read_bytes() for name in names]
         assert bytes_of["straight"] == bytes_of["resumed"]

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from pipeline.config import Settings
+from pipeline.errors import Interrupted
 from pipeline.synthetic import SampleScene
-from pipeline.temporal.initial import matched_blocks
+from pipeline.temporal.initial import match_blocks
 from pipeline.worker import Worker
 
 NOISE = 2.0
@@ -74,7 +75,7 @@ def test_a_small_fast_thing_is_not_shown_where_it_was():
     before, now = ground.copy(), ground.copy()
     before[30:34, 10:14] = 255
     now[30:34, 50:54] = 255
-    _, matched = matched_blocks(now, before, 0.0)
+    matched = match_blocks(now, before, 0.0).matched
     assert not matched[30 // 8, 10 // 8]
     assert not matched[30 // 8, 50 // 8]
     assert matched.mean() > 0.85
@@ -83,9 +84,9 @@ def test_a_small_fast_thing_is_not_shown_where_it_was():
 def test_whole_pixel_motion_is_found():
     chance = np.random.default_rng(1)
     before = cv2.GaussianBlur(chance.uniform(0, 255, (64, 96)).astype(np.float32), (0, 0), 1.0)
-    motion, matched = matched_blocks(np.roll(before, (2, -3), (0, 1)), before, 0.0)
-    assert matched[1:-1, 1:-1].all()
-    assert (motion[1:-1, 1:-1] == [3, -2]).all()
+    match = match_blocks(np.roll(before, (2, -3), (0, 1)), before, 0.0)
+    assert match.matched[1:-1, 1:-1].all()
+    assert (match.motion[1:-1, 1:-1] == [3, -2]).all()
 
 
 def test_the_same_frames_give_the_same_bits_whatever_the_threads(frames):
@@ -94,3 +95,23 @@ def test_the_same_frames_give_the_same_bits_whatever_the_threads(frames):
         worker = _worker("warm", threads=threads)
         results.append([worker.take(frame).images[TARGETS[0]].luma for frame in frames[:3]])
     assert all(np.array_equal(one, two) for one, two in zip(*results, strict=True))
+
+
+def test_registering_a_frame_ahead_changes_nothing(frames):
+    whole, staged = _worker("warm"), _worker("warm")
+    results = [whole.take(frame).images[TARGETS[1]].luma for frame in frames[:3]]
+    waiting = [staged.register(frames[0])]
+    for number in range(3):
+        if number < 2:
+            waiting.append(staged.register(frames[number + 1]))
+        result = staged.reconstruct(waiting.pop(0))
+        assert np.array_equal(result.images[TARGETS[1]].luma, results[number])
+
+
+def test_a_stop_is_noticed_amid_registration(frames):
+    polls = iter([False, False, False, True])
+    worker = Worker(
+        Settings(psf_sigma=1.0, noise_sigma=NOISE), targets=TARGETS, stop=lambda: next(polls)
+    )
+    with pytest.raises(Interrupted):
+        worker.register(frames[0])

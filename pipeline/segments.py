@@ -1,0 +1,286 @@
+"""Segments computed: decoded, registered, reconstructed, packed and encoded, all at once.
+
+::
+
+    read ──► register ──► reconstruct ──► pack ──► encode
+    thread   thread       thread          thread   the caller's thread
+
+Between two stages one frame waits at most, so that the slowest of them paces all, results
+stay in order, and memory does not grow with the length. A stage that fails or a stop ends
+all of them. One :class:`pipeline.worker.Worker` owns the chain; its two halves are two stages.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from pipeline.channel import Ahead
+from pipeline.debug_pictures import write_debug_pictures
+from pipeline.errors import SceneError
+from pipeline.events import Event, SegmentFinished, Warned
+from pipeline.frames import MultiViewFrame
+from pipeline.job import Job, Segment
+from pipeline.media.media_sink import MediaSink
+from pipeline.media.source import FrameSource, open_scene
+from pipeline.reconstruction.psf import GaussianPsf
+from pipeline.report import depth_origin, to_plain
+from pipeline.results import FrameResult
+from pipeline.sink import OutputPlan, Sink
+from pipeline.stop import StopFlag
+from pipeline.superresolve import RegisteredFrame
+from pipeline.threads import set_threads, thread_count
+from pipeline.worker import Worker
+from pipeline.workfolder import SegmentFiles
+
+Item = TypeVar("Item")
+
+WARM_UP = 3
+"""Frames before a segment that are computed and thrown away where frames start warm, so that
+a segment comes out the same wherever it is computed and the picture does not jump there."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameComputed(Event):
+    """A frame of a segment is super-resolved; a segment that is tried again says so again."""
+
+    frame_index: int
+    """Source frame number."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Work:
+    """Everything that a segment depends on: whoever has it and the scene can compute one."""
+
+    job: Job
+    plan: OutputPlan
+    frames: range
+    """Source frames of the job; none outside of it is read."""
+    num_segments: int
+    folder: Path
+    """The work folder."""
+    psf: GaussianPsf | None = None
+    """The estimated PSF, where the settings ask for one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentTools:
+    """The doors that segments go through; others in tests."""
+
+    open_scene: Callable[..., FrameSource] = open_scene
+    make_worker: Callable[..., Worker] = Worker
+    make_sink: Callable[[OutputPlan], Sink] = MediaSink
+    clock: Callable[[], float] = time.perf_counter
+
+
+class Engine(Protocol):
+    """What computes segments."""
+
+    def compute(
+        self,
+        work: Work,
+        segments: Sequence[Segment],
+        *,
+        on_event: Callable[[Event], None],
+        stop: StopFlag,
+    ) -> None:
+        """Compute the segments into the work folder, each whole or not at all.
+
+        Parameters
+        ----------
+        on_event : callable
+            Told of frames and segments finished and of warnings, in the calling thread.
+
+        Raises
+        ------
+        Interrupted
+            If the stop flag was set; finished segments stay.
+        PipelineError
+            The first error met; finished segments stay.
+        """
+
+
+class LocalEngine:
+    """Computes segments in this process, one after another.
+
+    Parameters
+    ----------
+    source : FrameSource
+        The scene, open.
+    sink : Sink
+        Where results go.
+    tools : SegmentTools, optional
+    """
+
+    def __init__(self, source: FrameSource, sink: Sink, tools: SegmentTools | None = None) -> None:
+        self._source = source
+        self._sink = sink
+        self._tools = tools or SegmentTools()
+
+    def compute(
+        self,
+        work: Work,
+        segments: Sequence[Segment],
+        *,
+        on_event: Callable[[Event], None],
+        stop: StopFlag,
+    ) -> None:
+        """Compute the segments; see :class:`Engine`."""
+        set_threads(work.job.settings.threads)
+        failed = threading.Event()
+        worker = self._tools.make_worker(
+            work.job.settings,
+            stop=lambda: stop.is_set or failed.is_set(),
+            targets=work.plan.targets,
+            observed_views=work.job.input.views,
+            keep_intermediates=work.job.output.debug_dir is not None,
+            **({} if work.psf is None else {"psf": work.psf}),
+        )
+        line = _Line(work=work, worker=worker, clock=self._tools.clock, stop=stop)
+        with ExitStack() as stages:
+
+            def stage(items: Iterable[Item], name: str) -> Iterator[Item]:
+                return stages.enter_context(closing(Ahead(items, name=f"depthsr-{name}")))
+
+            registered = line.register(stage(line.read(self._source, segments), "read"))
+            if thread_count() > 1:
+                registered = stage(registered, "register")
+            done = stage(line.reconstruct(registered), "reconstruct")
+            try:
+                for segment in segments:
+                    self._write(work, segment, done, on_event)
+                    on_event(SegmentFinished(index=segment.index, count=work.num_segments))
+            except BaseException:
+                failed.set()  # so that no stage goes on with its frame
+                stop.check()  # what a stop made fail is the stop
+                raise
+
+    def _write(
+        self,
+        work: Work,
+        segment: Segment,
+        done: Iterator[_DoneFrame],
+        on_event: Callable[[Event], None],
+    ) -> None:
+        """Write one segment; its account comes last and makes it count."""
+        accounts: list[dict[str, Any]] = []
+        debug_dir = work.job.output.debug_dir
+        clock = self._tools.clock
+
+        def results() -> Iterator[FrameResult]:
+            for _ in range(len(segment)):
+                item = next(done)
+                account = to_plain(item.result.report)
+                account |= {"timings": to_plain(item.timings), "depth": to_plain(item.depth)}
+                if debug_dir is not None:
+                    begin = clock()
+                    write_debug_pictures(debug_dir, item.result, work.job.settings.grid)
+                    account["timings"]["debug pictures"] = clock() - begin
+                accounts.append(account)
+                for text in item.result.report.warnings:
+                    on_event(Warned(text=text))
+                on_event(FrameComputed(frame_index=item.result.frame_index))
+                yield item.result
+
+        files = SegmentFiles(work.folder)
+        timings = self._sink.write_segment(segment, files.stem(segment), results())
+        files.finish(
+            segment,
+            {
+                "segment": segment.index,
+                "start": segment.start,
+                "stop": segment.stop,
+                "frames": accounts,
+                "timings": timings,
+            },
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _ReadFrame:
+    segment: Segment
+    frame: MultiViewFrame
+    seconds: float
+    begins: bool
+    """Whether a new chain begins with it."""
+
+    @property
+    def is_warm_up(self) -> bool:
+        """Whether it is a frame before its segment: computed and thrown away."""
+        return self.frame.frame_index < self.segment.start
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _HalfDoneFrame:
+    read: _ReadFrame
+    registered: RegisteredFrame
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _DoneFrame:
+    result: FrameResult
+    timings: Mapping[str, float]
+    depth: Mapping[str, str]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Line:
+    """The stages before packing; each takes what the one before it yields."""
+
+    work: Work
+    worker: Worker
+    clock: Callable[[], float]
+    stop: StopFlag
+
+    def read(self, source: FrameSource, segments: Sequence[Segment]) -> Iterator[_ReadFrame]:
+        """Yield the frames of the segments, each segment's warm-up before it."""
+        for segment in segments:
+            begin = self.clock()
+            first = first_frame(self.work, segment)
+            expected = first
+            for frame in source.frames(first, segment.stop):
+                self.stop.check()
+                if frame.frame_index != expected:
+                    break
+                expected += 1
+                yield _ReadFrame(
+                    segment=segment, frame=frame, seconds=self.clock() - begin,
+                    begins=frame.frame_index == first,
+                )  # fmt: skip
+                begin = self.clock()
+            if expected != segment.stop:
+                raise SceneError(f"frame {expected} is missing", path=self.work.job.scene)
+
+    def register(self, frames: Iterable[_ReadFrame]) -> Iterator[_HalfDoneFrame]:
+        for item in frames:
+            if item.begins:
+                self.worker.reset()
+            begin = self.clock()
+            registered = self.worker.register(item.frame)
+            yield _HalfDoneFrame(read=item, registered=registered, seconds=self.clock() - begin)
+
+    def reconstruct(self, frames: Iterable[_HalfDoneFrame]) -> Iterator[_DoneFrame]:
+        for item in frames:
+            begin = self.clock()
+            result = self.worker.reconstruct(item.registered)
+            seconds = item.seconds + self.clock() - begin
+            if item.read.is_warm_up:
+                continue
+            yield _DoneFrame(
+                result=result,
+                timings={"decode": item.read.seconds, **result.report.timings, "frame": seconds},
+                depth=depth_origin(item.read.frame),
+            )
+
+
+def first_frame(work: Work, segment: Segment) -> int:
+    """Return the frame a segment's chain begins with: the segment's own, or one to warm up."""
+    if work.job.settings.temporal == "cold":
+        return segment.start
+    return max(segment.start - WARM_UP, work.frames.start)
