@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from pipeline.effort import FULL, Effort
 from pipeline.frames import ChromaImage, GreyImage, RegisteredView, frozen
 from pipeline.temporal.initial import StartChoice
 
@@ -87,6 +88,10 @@ class FrameReport:
     targets: tuple[TargetReport, ...]
     timings: Mapping[str, float]
     """Seconds by stage: registration, reconstruction, chroma, …"""
+    effort: Effort = FULL
+    """What was allowed to be left out."""
+    motions_are_kept: bool = False
+    """Whether the motions are those of the frame before, unchanged."""
     warnings: tuple[str, ...] = ()
 
 

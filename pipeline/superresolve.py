@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.config import Settings, Solver
+from pipeline.effort import FULL, Effort, nearest_views
 from pipeline.errors import ConfigurationError, Interrupted, SceneError
 from pipeline.frames import ChromaImage, GreyImage, MultiViewFrame, RegisteredView, View
 from pipeline.grid import Grid
@@ -90,6 +91,9 @@ class RegisteredFrame:
     where the frame starts cold."""
     is_cut: bool
     """Whether the frame before this one shows something else."""
+    effort: Effort
+    motions_are_kept: bool
+    """Whether the motions are those of the frame before, unchanged."""
     turn: int
     """Frames since the chain began."""
     layers: Mapping[str, npt.NDArray[np.int32]] | None
@@ -108,6 +112,7 @@ def superresolve(
     keep_intermediates: bool = False,
     stop: Callable[[], bool] | None = None,
     memory: Memory | None = None,
+    effort: Effort = FULL,
 ) -> FrameResult:
     """Super-resolve reference views of one frame from all (or some) of its views.
 
@@ -128,6 +133,8 @@ def superresolve(
         Polled between stages, views and sweeps.
     memory : Memory, optional
         Of the chain of frames that this one goes on; it is brought up to date.
+    effort : Effort
+        What may be left out, for a controller that holds a rate.
 
     Returns
     -------
@@ -144,7 +151,7 @@ def superresolve(
     """
     registered = register_frame(
         frame, settings, targets=targets, observed_views=observed_views, psf=psf,
-        keep_intermediates=keep_intermediates, stop=stop, memory=memory,
+        keep_intermediates=keep_intermediates, stop=stop, memory=memory, effort=effort,
     )  # fmt: skip
     return reconstruct_frame(registered, stop=stop, memory=memory)
 
@@ -159,6 +166,7 @@ def register_frame(
     keep_intermediates: bool = False,
     stop: Callable[[], bool] | None = None,
     memory: Memory | None = None,
+    effort: Effort = FULL,
 ) -> RegisteredFrame:
     """Do the first half of :func:`superresolve`, which takes the same parameters.
 
@@ -173,6 +181,9 @@ def register_frame(
                 "cannot be reconstructed: it is not among the observed views",
                 view=target, frame=frame.frame_index,
             )  # fmt: skip
+    if effort.views is not None:
+        in_order = [view.view_id for view in frame.views if view.view_id in sources]
+        sources = nearest_views(in_order, targets, effort.views)
     views = [frame.view(view_id) for view_id in dict.fromkeys((*targets, *sources))]
     noise = settings.noise_sigma
     if noise is None:
@@ -189,14 +200,21 @@ def register_frame(
         if is_cut and memory is not None:
             memory.forget()
             matches = {}
-        prepared, registrations = _registered(
-            frame, views, targets, sources, settings, method, noise,
-            None if memory is None else memory.previous,
-        )  # fmt: skip
+        previous = None if memory is None else memory.previous
+        if previous is not None and not _covers(previous, targets, sources):
+            previous = None
+        keeps_motions = previous is not None and not effort.register
+        if previous is not None and keeps_motions:
+            found = previous
+            registrations = _with_pixels_of(previous, frame, targets, sources)
+        else:
+            prepared, registrations = _registered(
+                frame, views, targets, sources, settings, method, noise, previous
+            )
+            found = Previous(prepared=prepared, registrations=registrations, turn=0)
     if memory is not None:
-        memory.keep(
-            prepared, registrations, {target: frame.view(target).luma for target in targets}
-        )
+        # motions that are kept stay with the pixels that they were found from
+        memory.keep(found, {target: frame.view(target).luma for target in targets})
     clock.done("registration")
     return RegisteredFrame(
         frame=frame,
@@ -208,8 +226,10 @@ def register_frame(
         registrations=registrations,
         matches=matches,
         is_cut=is_cut,
+        effort=effort,
+        motions_are_kept=keeps_motions,
         turn=1 if memory is None else memory.turn,
-        layers=_layers_of(prepared, method) if keep_intermediates else None,
+        layers=_layers_of(found.prepared, method) if keep_intermediates else None,
         timings=clock.timings,
     )
 
@@ -252,6 +272,8 @@ def reconstruct_frame(
         psf_support=psf.support,
         psf_is_estimated=settings.psf == "auto",
         targets=tuple(result.report for result in results),
+        effort=registered.effort,
+        motions_are_kept=registered.motions_are_kept,
         timings={**registered.timings, **clock.timings},
         warnings=(
             *_warnings(frame, registered.sources),
@@ -291,15 +313,10 @@ class Memory:
             for target in targets
         }
 
-    def keep(
-        self,
-        prepared: dict[str, PreparedView],
-        registrations: dict[str, list[ViewRegistration]],
-        observed: dict[str, GreyImage],
-    ) -> None:
+    def keep(self, found: Previous, observed: dict[str, GreyImage]) -> None:
         """Remember a frame that is registered."""
         self.turn += 1
-        self.previous = Previous(prepared=prepared, registrations=registrations, turn=self.turn)
+        self.previous = replace(found, turn=self.turn)
         self._observed = observed
 
     def estimate(self, registered: RegisteredFrame, target: str) -> GreyImage | None:
@@ -377,6 +394,32 @@ def _registered(
     return prepared, found
 
 
+def _covers(previous: Previous, targets: Sequence[str], sources: Sequence[str]) -> bool:
+    """Return whether all of the sources were registered onto all of the targets before."""
+    return all(
+        set(sources) <= {one.registered.view_id for one in previous.registrations.get(target, ())}
+        for target in targets
+    )
+
+
+def _with_pixels_of(
+    previous: Previous, frame: MultiViewFrame, targets: Sequence[str], sources: Sequence[str]
+) -> dict[str, list[ViewRegistration]]:
+    """Return the previous frame's registrations, unchanged but for the pixels observed."""
+    found: dict[str, list[ViewRegistration]] = {}
+    for target in targets:
+        before = {one.registered.view_id: one for one in previous.registrations[target]}
+        found[target] = []
+        for source in sources:
+            old = before[source]
+            offset = previous.prepared[source].view.luma - old.registered.observed
+            observed = frame.view(source).luma - offset
+            found[target].append(
+                replace(old, registered=replace(old.registered, observed=observed))
+            )
+    return found
+
+
 def _reconstruct(
     frame: RegisteredFrame,
     target: str,
@@ -394,8 +437,9 @@ def _reconstruct(
         start = warped(match, previous, initial_estimate(reference.luma, grid), grid)
         choice = match.choice
     solved = _solve(
-        settings, frame.psf, frame.noise, registered, grid, (lr_shape[0], lr_shape[1]), stop, start
-    )
+        settings, frame.psf, frame.noise, registered, grid, (lr_shape[0], lr_shape[1]), stop, start,
+        frame.effort.steps,
+    )  # fmt: skip
     if stop is not None and stop():
         raise Interrupted
     trusted = [flags == 0 for flags in solved.flags]
@@ -452,6 +496,7 @@ def _solve(
     lr_shape: tuple[int, int],
     stop: Callable[[], bool] | None,
     start: GreyImage | None,
+    steps: int | None,
 ) -> FusedResult:
     """Run the chosen solver; a POCS result is brought into the same form."""
     residual_threshold = settings.residual_threshold or default_residual_threshold(noise)
@@ -459,7 +504,7 @@ def _solve(
         return fuse(
             registered, grid, lr_shape, psf,
             noise=noise, residual_threshold=residual_threshold, stop=stop,
-            start=start, tuning=None if start is None else WARM,
+            start=start, tuning=None if start is None else WARM, most_steps=steps,
         )  # fmt: skip
     own = next(view for view in registered if view.is_reference)
     shape = grid.hr_shape(lr_shape)
@@ -467,7 +512,8 @@ def _solve(
     swept = pocs(
         registered, grid, shape, *psf_axes(psf, grid),
         initial_estimate(own.observed, grid) if start is None else start,
-        sweeps=settings.sweeps, residual_bound=bound, residual_threshold=residual_threshold,
+        sweeps=min(settings.sweeps, steps or settings.sweeps),
+        residual_bound=bound, residual_threshold=residual_threshold,
         simplified=settings.solver == Solver.POCS_SIMPLIFIED, stop=stop,
     )  # fmt: skip
     taps = sampling_taps(psf, grid)
@@ -548,7 +594,7 @@ def _remark(
 
 
 def _layers_of(
-    prepared: dict[str, PreparedView], method: RegistrationMethod
+    prepared: Mapping[str, PreparedView], method: RegistrationMethod
 ) -> dict[str, npt.NDArray[np.int32]]:
     """Return the depth layer of every pixel of every view, for pictures."""
     labels = {}

@@ -160,6 +160,7 @@ def fuse(
     residual_threshold: float,
     tuning: FusedTuning | None = None,
     start: HrImage | None = None,
+    most_steps: int | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> FusedResult:
     """Reconstruct a reference view from all registered views.
@@ -176,6 +177,8 @@ def fuse(
         T_R, grey levels: pixels of other views predicted worse are left out (thesis §3.2).
     start : (K·H, K·W) float32, optional
         Initial estimate; default: the reference, bicubic.
+    most_steps : int, optional
+        Conjugate-gradient steps from all views, at most; default: as many as it takes.
     stop : callable, optional
         Polled between re-weightings; true ends the work early.
 
@@ -202,17 +205,26 @@ def fuse(
     residuals = []
     stop_reason = "iterations"
 
-    def solve(estimate: HrImage, plan: tuple[int, int]) -> HrImage:
+    def solve(estimate: HrImage, plan: tuple[int, int], most: int | None) -> HrImage:
         nonlocal stop_reason
+        begun = system.steps
         for _ in range(plan[0]):
+            left = plan[1] if most is None else min(plan[1], most - (system.steps - begun))
+            if left <= 0:
+                stop_reason = "steps"
+                break
             if stop is not None and stop():
                 stop_reason = "stopped"
                 break
             prior = system.edge_weights(estimate, scale)
-            estimate = system.descend(estimate, prior, strength, plan[1], settled=tuning.settled)
+            estimate = system.descend(estimate, prior, strength, left, settled=tuning.settled)
         return estimate
 
-    estimate = solve(estimate, tuning.alone if len(registered) > 1 else tuning.only)
+    estimate = solve(
+        estimate,
+        tuning.alone if len(registered) > 1 else tuning.only,
+        None if len(registered) > 1 else most_steps,
+    )
     weights = [ones if index == reference else None for index in range(len(registered))]
     flags = [view.flags.copy() for view in registered]
     if len(registered) > 1:
@@ -232,7 +244,7 @@ def fuse(
                 if index != reference
             ]
         )
-        estimate = solve(estimate, tuning.together)
+        estimate = solve(estimate, tuning.together, most_steps)
     coefficients = padded(blur(estimate, taps))
     simulated = tuple(sample(coefficients, *point) for point in points)
     residuals.append(_weighted_rms(simulated, registered, weights))
