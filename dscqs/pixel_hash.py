@@ -30,9 +30,25 @@ def hash_frames(frames: Iterable[npt.NDArray[np.uint8]]) -> str:
     ValueError
         If a frame has another shape or type.
     """
-    total = hashlib.sha256()
+    total = PixelHash()
     for frame in frames:
+        total.add(frame)
+    return total.hexdigest()
+
+
+class PixelHash:
+    """The hash of :func:`hash_frames`, fed frame by frame."""
+
+    def __init__(self) -> None:
+        self._total = hashlib.sha256()
+
+    def add(self, frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        """Take a frame in, and return it."""
         if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
             raise ValueError(f"a frame is {frame.shape} {frame.dtype}, not (H, W, 3) uint8")
-        total.update(hashlib.sha256(frame.transpose(2, 0, 1).tobytes()).digest())
-    return total.hexdigest()
+        self._total.update(hashlib.sha256(frame.transpose(2, 0, 1).tobytes()).digest())
+        return frame
+
+    def hexdigest(self) -> str:
+        """Return the hash of the frames so far: 64 hexadecimal digits."""
+        return self._total.hexdigest()

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from service.cli_dscqs_tests import add_tests
 from service.console import EXIT_DONE
 
 
@@ -13,11 +14,12 @@ def add_dscqs(commands: Any) -> None:
     """Add ``dscqs`` and its subcommands to the command line."""
     parser = commands.add_parser(
         "dscqs",
-        help="subjective tests: votes to scores",
+        help="subjective tests: stimuli, plan, sessions, votes, scores",
         description="Subjective tests after ITU-R BT.500: double-stimulus continuous "
         "quality scale (DSCQS).",
     )
     subcommands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    add_tests(subcommands)
     _add_analyse(subcommands)
 
 

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import httpx
 
+from dscqs.errors import DscqsError
+
 API = "/dscqs/api"
 
 
-class DscqsClientError(Exception):
+class DscqsClientError(DscqsError):
     """The service refused; the message is the service's."""
 
     def __init__(self, status: int, code: str, message: str) -> None:
         super().__init__(message)
-        self.status, self.code = status, code
+        self.status = status
+        self.code = code  # type: ignore[misc]  # that of the service's error
 
 
 def ask(http: httpx.Client, method: str, path: str, json: Any = None) -> httpx.Response:
@@ -28,7 +32,10 @@ def ask(http: httpx.Client, method: str, path: str, json: Any = None) -> httpx.R
     DscqsClientError
         If the service refuses.
     """
-    answer = http.request(method, path, json=json, follow_redirects=False)
+    try:
+        answer = http.request(method, path, json=json, follow_redirects=False)
+    except httpx.TransportError as error:
+        raise DscqsClientError(503, "unavailable", f"{http.base_url}: {error}") from error
     if answer.status_code >= 400:
         try:
             said = answer.json()
@@ -76,6 +83,15 @@ class OperatorClient:
         """Return everything that was recorded."""
         answer = ask(self.http, "GET", f"{API}/operator/tests/{test}/export?format=json")
         return dict(answer.json())
+
+
+@contextmanager
+def operator_client(server: str, token: str | None) -> Iterator[OperatorClient]:
+    """Give an operator's client that is logged in."""
+    with httpx.Client(base_url=server, timeout=60) as http:
+        client = OperatorClient(http=http)
+        client.login(token or "")
+        yield client
 
 
 @dataclass(kw_only=True)

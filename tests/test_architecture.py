@@ -77,15 +77,15 @@ def test_arrows_point_one_way(room, forbidden):
     assert _offenders(room, *forbidden) == []
 
 
-def test_av_is_behind_three_doors():
-    """Reading, files, and the live encoder, whose frames never wait for one another."""
+def test_av_is_behind_four_doors():
+    """Reading, files, the live encoder, whose frames never wait, and clips without any loss."""
     users = {
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
         for path in _files(package)
         if any(name.split(".")[0] == "av" for name in _imports(path))
     }
-    doors = ("decode", "encode", "live_encode")
+    doors = ("decode", "encode", "live_encode", "lossless")
     assert users == {f"pipeline/media/{door}.py" for door in doors}
 
 

@@ -1,13 +1,18 @@
 from __future__ import annotations
 
+import dataclasses
+import json
 from collections import Counter
 from itertools import pairwise, product
+from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dscqs.order import Kind, make_order
 from dscqs.plan import Plan
+from dscqs.proof import unproved_orders
 
 
 def _plan(contents=3, conditions=2, repetitions=2, dummies=5, seed=1) -> Plan:
@@ -78,3 +83,45 @@ def test_assessors_and_seeds_differ():
 def test_a_single_content_cannot_be_spread():
     order = make_order(_plan(contents=1, dummies=1), 0)
     assert len(order) == 5
+
+
+@given(PLANS, ASSESSORS)
+def test_repeats_for_coherence_are_the_same_pairs_for_everybody(plan, assessor):
+    plan = dataclasses.replace(plan, coherence=1)
+    extra = {
+        (item.content, item.condition)
+        for number in (0, assessor)
+        for item in make_order(plan, number)
+        if item.kind is Kind.TEST and item.repetition == plan.repetitions
+    }
+    assert len(extra) == 1
+
+
+def test_another_display_has_another_order():
+    plan = _plan()
+    assert make_order(plan, 0, "polarised") != make_order(plan, 0, "autostereoscopic")
+
+
+def test_orders_that_were_stored_come_out_for_ever():
+    path = Path(__file__).parent / "golden" / "order.json"
+    document = json.loads(path.read_text(encoding="utf-8"))
+    assert len(document["sessions"]) == 6
+    assert unproved_orders(document) == []
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda one: one["order"].pop(), "17 presentations, not 18"),
+        (lambda one: one["order"].reverse(), "presentation 1 is another"),
+        (lambda one: one.update(order_version=0), "drawn by version 0"),
+        (lambda one: one["order"][4].update(reference_is_a=2), "presentation 5 is another"),
+    ],
+)
+def test_an_order_that_was_tampered_with_is_found(spoil, said):
+    path = Path(__file__).parent / "golden" / "order.json"
+    document = json.loads(path.read_text(encoding="utf-8"))
+    spoil(document["sessions"][1])
+    (line,) = unproved_orders(document)
+    assert line.startswith("a2 on polarised: ")
+    assert said in line

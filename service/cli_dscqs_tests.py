@@ -1,0 +1,312 @@
+"""``depthsr dscqs stimuli|plan|create|invite``: from results to sessions."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from service.console import EXIT_DONE, EXIT_FAILURE
+
+SERVER = "http://127.0.0.1:8000"
+
+
+def add_tests(subcommands: Any) -> None:
+    """Add the subcommands to ``dscqs``."""
+    _add_stimuli(subcommands)
+    _add_plan(subcommands)
+    _add_create(subcommands)
+    _add_invite(subcommands)
+    _add_verify(subcommands)
+
+
+def add_server(parser: argparse.ArgumentParser, token: str) -> None:
+    """Add the options that say which service is asked."""
+    parser.add_argument(
+        "--server", default=SERVER, metavar="URL",
+        help=f"address of the service (default: {SERVER})",
+    )  # fmt: skip
+    parser.add_argument("--token", metavar="TOKEN", help=f"{token} (default: DEPTHSR_TOKEN's)")
+
+
+def add_verbose(parser: argparse.ArgumentParser) -> None:
+    """Add the option that shows tracebacks."""
+    parser.add_argument(
+        "-v", "--verbose", action="store_true", help="tracebacks of unexpected failures"
+    )
+
+
+def token_of(arguments: argparse.Namespace) -> str | None:
+    """Return the token that was given, or that of the environment."""
+    return arguments.token or os.environ.get("DEPTHSR_TOKEN")
+
+
+def _add_stimuli(subcommands: Any) -> None:
+    parser = subcommands.add_parser(
+        "stimuli",
+        help="make PNG stills or lossless WebM clips of lossless results",
+        description="Make the stimuli of a test of lossless results: PNG stills, or VP9 clips "
+        "without any loss. Each is decoded again and compared.",
+    )
+    parser.add_argument(
+        "sources", nargs="+", type=_source, metavar="CONTENT/CONDITION=SOURCE",
+        help="a folder of left-*.png and right-*.png (run --frames-dir), lossless video "
+        "(--codec ffv1), a side-by-side PNG, or job:ID",
+    )  # fmt: skip
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FOLDER", help="where they go"
+    )
+    _add_making(parser)
+    parser.set_defaults(command=_run_stimuli)
+
+
+def _add_making(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--kind", choices=("still", "video"), default="still", help="(default: still)"
+    )
+    parser.add_argument(
+        "--frame", type=int, default=0, metavar="N",
+        help="frame of a still, from 0 within its source (default: 0)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--fps", type=Fraction, metavar="N", help="frame rate of clips made of pictures"
+    )
+    add_server(parser, "bearer token, for job:ID")
+    add_verbose(parser)
+
+
+def _add_plan(subcommands: Any) -> None:
+    from dscqs.plan import DIMENSIONS
+    from dscqs.templates import TEMPLATES
+
+    parser = subcommands.add_parser(
+        "plan",
+        help="write the plan of a test over a folder of stimuli",
+        description="Write the plan of a test over a folder of stimuli, or over results, of "
+        "which stimuli are made first. A session of more than 30 minutes is refused.",
+    )
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where the stimuli lie, or go")
+    parser.add_argument(
+        "sources", nargs="*", type=_source, metavar="CONTENT/CONDITION=SOURCE", help="as of stimuli"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FILE", help="plan to write (YAML)"
+    )
+    parser.add_argument(
+        "--template", choices=tuple(TEMPLATES), default="set1",
+        help="reference and conditions: "
+        + "; ".join(
+            f"{name}: {', '.join(one.conditions)} against {one.reference}"
+            for name, one in TEMPLATES.items()
+        )
+        + " (default: set1)",
+    )  # fmt: skip
+    parser.add_argument("--reference", metavar="NAME", help="in place of the template's")
+    parser.add_argument(
+        "--conditions", type=_names, metavar="NAME,...", help="in place of the template's"
+    )
+    parser.add_argument("--name", metavar="TEXT", help="name of the test (default: the template's)")
+    parser.add_argument("--displays", type=_names, metavar="NAME,...", help="profiles of displays")
+    parser.add_argument(
+        "--dimensions", type=_names, metavar="NAME,...", help=f"of {', '.join(DIMENSIONS)}"
+    )
+    parser.add_argument(
+        "--training", type=_names, default=(), metavar="CONTENT,...", help="shown for training only"
+    )
+    for name, said in (
+        ("repetitions", "times each pair is shown"),
+        ("dummies", "presentations at the start that do not count"),
+        ("coherence", "pairs that come once more"),
+        ("break-every", "presentations from break to break"),
+        ("seed", "of the order"),
+    ):
+        parser.add_argument(f"--{name}", type=int, metavar="N", help=said)
+    parser.add_argument("--variant", choices=("I", "II"), help="I: the assessor switches freely")
+    parser.add_argument(
+        "--long-session", action="store_true", default=None, help="more than 30 minutes are wanted"
+    )
+    _add_making(parser)
+    parser.set_defaults(command=_run_plan)
+
+
+def _add_create(subcommands: Any) -> None:
+    parser = subcommands.add_parser(
+        "create",
+        help="make a test of a plan on a service",
+        description="Make a test of a plan on a service; its stimuli must lie under one of the "
+        "service's roots. Prints the test.",
+    )
+    parser.add_argument("plan", type=Path, metavar="PLAN", help="plan (YAML or JSON)")
+    add_server(parser, "operator's token")
+    add_verbose(parser)
+    parser.set_defaults(command=_run_create)
+
+
+def _add_invite(subcommands: Any) -> None:
+    parser = subcommands.add_parser(
+        "invite",
+        help="print a link for an assessor",
+        description="Print a link into the session of each assessor. A link works once; again "
+        "for the same assessor and display, it goes on with the same session.",
+    )
+    parser.add_argument("test", metavar="TEST", help="what create printed")
+    parser.add_argument(
+        "assessors", nargs="+", metavar="ASSESSOR", help="a code of letters and digits, no name"
+    )
+    parser.add_argument("--display", required=True, metavar="NAME", help="one of the plan's")
+    parser.add_argument(
+        "--language", default="en", metavar="CODE", help="of the page (default: en)"
+    )
+    add_server(parser, "operator's token")
+    add_verbose(parser)
+    parser.set_defaults(command=_run_invite)
+
+
+def _add_verify(subcommands: Any) -> None:
+    parser = subcommands.add_parser(
+        "verify",
+        help="prove that the orders of a test follow from plan, seed and assessor",
+        description="Draw the orders of an exported test again, and compare.",
+    )
+    parser.add_argument("export", type=Path, metavar="FILE", help="JSON export of a test")
+    add_verbose(parser)
+    parser.set_defaults(command=_run_verify)
+
+
+def _source(text: str) -> tuple[str, str]:
+    key, equals, source = text.partition("=")
+    if not equals or not source:
+        raise argparse.ArgumentTypeError(f"{text!r} is not CONTENT/CONDITION=SOURCE")
+    return key, source
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+def _make(arguments: argparse.Namespace, out: Path) -> None:
+    from service.stimuli import make_stimuli
+
+    make_stimuli(
+        dict(arguments.sources), out, kind=arguments.kind, frame=arguments.frame,
+        fps=arguments.fps, fetch=_fetcher(arguments), say=_say,
+    )  # fmt: skip
+
+
+def _fetcher(arguments: argparse.Namespace) -> Callable[[str, Path], Path]:
+    def fetch(job: str, folder: Path) -> Path:
+        from service.client import Client
+
+        with Client(arguments.server, token=token_of(arguments)) as client:
+            return fetch_lossless(client, job, folder)
+
+    return fetch
+
+
+def fetch_lossless(client: Any, job: str, folder: Path) -> Path:
+    """Download the lossless result of a job, pictures before video; return where it lies."""
+    from service.client import ServiceError
+
+    results = client.results(job)
+    pictures = [one for one in results if Path(one.name).match("left-*.png")]
+    pictures += [one for one in results if Path(one.name).match("right-*.png")]
+    videos = [one for one in results if one.media_type.startswith("video/")]
+    if not pictures and not videos:
+        raise ServiceError(f"job {job}: has no results (is it finished?)")
+    for one in pictures or videos[:1]:
+        client.download(one, folder / Path(one.name).name)
+    return folder if pictures else folder / Path(videos[0].name).name
+
+
+def _run_stimuli(arguments: argparse.Namespace) -> int:
+    _make(arguments, arguments.output)
+    return EXIT_DONE
+
+
+def _run_plan(arguments: argparse.Namespace) -> int:
+    from dscqs.templates import TEMPLATES, make_plan
+    from service.plan_files import find_stimuli, write_plan
+
+    if arguments.sources:
+        _make(arguments, arguments.folder)
+    kind, stimuli = find_stimuli(arguments.folder)
+    template = TEMPLATES[arguments.template]
+    given = {
+        name: getattr(arguments, name)
+        for name in (
+            "displays", "dimensions", "repetitions", "dummies", "coherence", "break_every",
+            "seed", "variant", "long_session",
+        )
+        if getattr(arguments, name) is not None
+    }  # fmt: skip
+    plan = make_plan(
+        stimuli,
+        name=arguments.name or template.title,
+        reference=arguments.reference or template.reference,
+        conditions=arguments.conditions or template.conditions,
+        training=arguments.training,
+        kind=kind,
+        folder=_relative(arguments.folder, arguments.output.parent),
+        **{
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in given.items()
+        },
+    )
+    write_plan(arguments.output, plan)
+    _say(
+        f"{arguments.output}: {len(plan.contents)} contents, {plan.presentations} presentations, "
+        f"{plan.session_s / 60:.1f} minutes a session"
+    )
+    return EXIT_DONE
+
+
+def _relative(folder: Path, start: Path) -> str:
+    return Path(os.path.relpath(folder.resolve(), start.resolve())).as_posix()
+
+
+def _run_create(arguments: argparse.Namespace) -> int:
+    from dscqs.plan import plan_to_dict
+    from service.dscqs_client import operator_client
+    from service.plan_files import read_plan
+
+    plan = read_plan(arguments.plan)
+    with operator_client(arguments.server, token_of(arguments)) as operator:
+        _say(operator.make_test(plan_to_dict(plan)))
+    return EXIT_DONE
+
+
+def _run_invite(arguments: argparse.Namespace) -> int:
+    from service.dscqs_client import operator_client
+
+    with operator_client(arguments.server, token_of(arguments)) as operator:
+        for assessor in arguments.assessors:
+            link = operator.invite(arguments.test, assessor, arguments.display, arguments.language)
+            _say(f"{assessor}  {arguments.server.rstrip('/')}{link}")
+    return EXIT_DONE
+
+
+def _run_verify(arguments: argparse.Namespace) -> int:
+    import json
+
+    from dscqs.errors import VotesError
+    from dscqs.proof import unproved_orders
+
+    try:
+        document = json.loads(arguments.export.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise VotesError(f"cannot be read: {error}", path=arguments.export) from None
+    wrong = unproved_orders(document)
+    for line in wrong:
+        _say(line)
+    if not wrong:
+        _say(f"{len(document['sessions'])} orders follow from plan, seed and assessor")
+    return EXIT_FAILURE if wrong else EXIT_DONE
