@@ -23,12 +23,14 @@ from service.http import (
     problems,
     session,
     uploads,
+    watch,
 )
 from service.http.auth import Tokens
 from service.http.dscqs_access import Operators
 from service.http.guards import Guards
 from service.jobs.request import JobRequest
 from service.live.broadcast import Broadcasts
+from service.live.job_watch import JobWatch
 from service.metrics import Metrics
 from service.notices import Notices
 from service.scheduler import Scheduler
@@ -37,7 +39,7 @@ from service.store import Store
 log = logging.getLogger(__name__)
 
 ROUTERS: tuple[APIRouter, ...] = (
-    jobs.router, uploads.router, session.router, health.router,
+    jobs.router, uploads.router, session.router, health.router, watch.router,
     dscqs.router, dscqs_operator.router, dscqs_pages.router,
 )  # fmt: skip
 """Every door of the service."""
@@ -55,7 +57,14 @@ def create_app(config: ServiceConfig) -> FastAPI:
         store = Store(config.data, on_change=app.state.notices.tell)
         try:
             app.state.desks = Desks(config.data)
-            scheduler = Scheduler(store, config, on_event=app.state.metrics.of_worker)
+            on_air = JobWatch(config.data, app.state.broadcasts)
+            scheduler = Scheduler(
+                store,
+                config,
+                on_event=app.state.metrics.of_worker,
+                on_piece=on_air.take,
+                on_end=on_air.end,
+            )
             app.state.store, app.state.scheduler = store, scheduler
             app.state.metrics.watch(store, scheduler)
             await asyncio.to_thread(uploads.sweep, store)

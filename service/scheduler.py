@@ -42,6 +42,10 @@ class Scheduler:
         Limits of workers.
     on_event : callable
         Told (kind, data) of everything that workers say; for metrics.
+    on_piece : callable
+        Told (job id, data) of every piece that can be watched.
+    on_end : callable
+        Told the id of a job whose worker has ended.
     """
 
     def __init__(
@@ -50,10 +54,14 @@ class Scheduler:
         config: ServiceConfig,
         *,
         on_event: Callable[[str, dict[str, Any]], None] = lambda kind, data: None,
+        on_piece: Callable[[str, dict[str, Any]], None] = lambda job, data: None,
+        on_end: Callable[[str], None] = lambda job: None,
     ) -> None:
         self.store = store
         self.config = config
         self._on_event = on_event
+        self._on_piece = on_piece
+        self._on_end = on_end
         self._wake = threading.Event()
         self._closing = False
         self._lock = threading.Lock()
@@ -154,6 +162,7 @@ class Scheduler:
     def _ended(self, worker: _Worker) -> None:
         with self._lock:
             self._workers.pop(worker.record.id, None)
+        self._on_end(worker.record.id)
         self._wake.set()
 
 
@@ -264,6 +273,9 @@ class _Worker:
                 if kind == "beat":
                     continue
                 self._heard = time.monotonic()
+                if kind == "piece":
+                    self._scheduler._on_piece(record.id, said)
+                    continue
                 if kind in ("done", "stopped", "problem"):
                     last = {"event": kind, **said}
                     continue

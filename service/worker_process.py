@@ -2,7 +2,8 @@
 
 stdin: one line of JSON (:class:`WorkOrder`); later the line ``stop``; its end means that the
 service is gone, and this process ends at once. stdout: one line of JSON for each event
-(``{"event": KIND, ...}``), a ``beat`` every second, and last ``done`` or ``problem``. Decoding
+(``{"event": KIND, ...}``), a ``beat`` every second, a ``piece`` when there is more to watch,
+and last ``done`` or ``problem``. Decoding
 and computing happen here only, with the memory that the service allows.
 """
 
@@ -97,11 +98,13 @@ def _work(order: WorkOrder, voice: Voice) -> dict[str, Any]:
     from pipeline.run import Tools, run_job
     from pipeline.stop import StopFlag
     from service.jobs.request import JobRequest, make_job
+    from service.jobs.sinks import JobSinks
+    from service.jobs.watch_sink import EyeSources
 
     folder = Path(order.folder)
     results = folder / "results"
     results.mkdir(exist_ok=True)
-    request = JobRequest.model_validate(order.request)
+    request: Any = JobRequest.model_validate(order.request)
     job = make_job(request, Path(order.scene), results, name=order.name, threads=order.threads)
     finished = folder / "done.json"
     if finished.exists():  # the last worker died after its work
@@ -122,10 +125,20 @@ def _work(order: WorkOrder, voice: Voice) -> dict[str, Any]:
     def tell(event: Event) -> None:
         voice.say(type(event).__name__, **asdict(event))
 
+    def tell_piece(track: str, number: int) -> None:
+        voice.say("piece", track=track, number=number)
+
+    sinks = JobSinks(
+        folder=folder,
+        sources=EyeSources(open_scene=open_scene, scene=job.scene, options=job.input),
+        keep_master=request.output.master,
+        on_piece=tell_piece,
+    )
+
     stop = StopFlag()
     signal.signal(signal.SIGTERM, stop.from_signal)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service's to handle
-    tools = dataclasses.replace(Tools(), open_scene=open_checked)
+    tools = dataclasses.replace(Tools(), open_scene=open_checked, make_sink=sinks)
     summary = run_job(job, on_event=tell, stop=stop, resume=True, tools=tools)
     from pipeline.media.files import write_atomic
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from pipeline.channel import Channel, ChannelClosedError
 from pipeline.colour import to_grey, to_rgb
+from pipeline.fan_out import fan_out
 from pipeline.job import Segment
 from pipeline.media.encode import Eyes, join_segments, write_segment
 from pipeline.media.files import check_writable, remove_leftovers
@@ -171,57 +170,35 @@ class MediaSink:
         """
         assert self._format is not None
         video_format = self._format
-        failures: list[BaseException] = []
         seconds: list[float] = []
+
+        def writer(name: str, path: Path) -> Callable[[Iterator[Mapping[str, Eyes]]], None]:
+            def write(items: Iterator[Mapping[str, Eyes]]) -> None:
+                waited = 0.0
+
+                def eyes() -> Iterator[Eyes]:
+                    nonlocal waited
+                    while True:
+                        begin = self._clock()
+                        item = next(items, None)
+                        waited += self._clock() - begin
+                        if item is None:
+                            return
+                        yield item[name]
+
+                begin = self._clock()
+                try:
+                    write_segment(path, video_format, eyes(), first_frame=segment.start)
+                finally:
+                    seconds.append(self._clock() - begin - waited)
+
+            return write
+
         files = self._segment_files(stem)
-        channels: dict[str, Channel[Eyes]] = {name: Channel(1) for name in files}
-
-        def write(name: str, path: Path) -> None:
-            channel = channels[name]
-            waited = 0.0
-
-            def eyes() -> Iterator[Eyes]:
-                nonlocal waited
-                for _ in range(len(segment)):
-                    begin = self._clock()
-                    item = channel.take()
-                    waited += self._clock() - begin
-                    yield item
-
-            begin = self._clock()
-            try:
-                write_segment(path, video_format, eyes(), first_frame=segment.start)
-            except ChannelClosedError:
-                pass
-            except BaseException as error:  # raised again by the caller's thread
-                failures.append(error)
-            finally:
-                channel.close()
-                seconds.append(self._clock() - begin - waited)
-
-        threads = [
-            threading.Thread(target=write, args=item, name=f"depthsr-encode-{item[0]}")
-            for item in files.items()
-        ]
-        for thread in threads:
-            thread.start()
-        complete = False
         try:
-            for item in frames:
-                for name, channel in channels.items():
-                    channel.put(item[name])
-            complete = True
-        except ChannelClosedError:
-            if not failures:
-                raise
+            fan_out(frames, {name: writer(name, path) for name, path in files.items()})
         finally:
-            for channel in channels.values():
-                channel.finish() if complete else channel.close()
-            for thread in threads:
-                thread.join()
             timings["encode"] += sum(seconds)
-        if failures:
-            raise failures[0]
 
 
 def _with_suffix(stem: Path) -> Path:

@@ -22,7 +22,7 @@ from fastapi.routing import APIRoute
 from pydantic import BaseModel, Field, ValidationError
 from starlette.datastructures import UploadFile
 from starlette.formparsers import MultiPartException
-from starlette.requests import ClientDisconnect
+from starlette.requests import ClientDisconnect, HTTPConnection
 
 from service.http import uploads
 from service.http.auth import Client, require
@@ -282,10 +282,10 @@ def _scene(
     if wrong:
         raise ProblemError("too-large", wrong)
     if asked.scene is not None:
-        name = safe_name(asked.scene)
-        if name is None or not (folder / name).exists():
+        named = safe_name(asked.scene)
+        if named is None or not (folder / named).exists():
             raise ProblemError("invalid", "scene: names none of the files sent")
-        return folder / name
+        return folder / named
     there = [path for path in folder.rglob("*") if path.is_file()]
     manifests = [path for path in there if path.name == "scene.json"]
     if len(manifests) == 1:
@@ -362,7 +362,7 @@ def show(
     if_none_match: Annotated[str | None, Header()] = None,
 ) -> JobView:
     """Show a job."""
-    record = _find(request, job_id, client)
+    record = find_job(request, job_id, client)
     tag = tag_of(f"{record.id}.{record.version}")
     response.headers["ETag"] = tag
     if matches(if_none_match, tag):
@@ -373,7 +373,7 @@ def show(
 @router.delete("/jobs/{job_id}", status_code=204, responses=responses(404, 409, 422))
 def delete(request: Request, job_id: JobId, client: Submitter) -> None:
     """Forget a finished job and its files."""
-    record = _find(request, job_id, client)
+    record = find_job(request, job_id, client)
     if not record.state.is_final:
         raise ProblemError("conflict", f"the job is {record.state}; cancel it first")
     request.app.state.store.delete_job(record.id)
@@ -383,7 +383,7 @@ def delete(request: Request, job_id: JobId, client: Submitter) -> None:
 @router.post("/jobs/{job_id}/cancel", status_code=202, responses=responses(404, 409, 422))
 def cancel(request: Request, job_id: JobId, client: Submitter) -> JobView:
     """Ask a job to stop; again is no error."""
-    record = _find(request, job_id, client)
+    record = find_job(request, job_id, client)
     try:
         return _view(request.app.state.scheduler.cancel(record.id))
     except TransitionError as error:
@@ -393,7 +393,7 @@ def cancel(request: Request, job_id: JobId, client: Submitter) -> JobView:
 @router.post("/jobs/{job_id}/retry", status_code=202, responses=responses(404, 409, 422))
 def retry(request: Request, job_id: JobId, client: Submitter) -> JobView:
     """Queue a failed or cancelled job again; its finished segments are not computed again."""
-    record = _find(request, job_id, client)
+    record = find_job(request, job_id, client)
     try:
         record = request.app.state.store.act(record.id, Action.RETRY)
     except TransitionError as error:
@@ -422,7 +422,7 @@ async def events(
     last_event_id: Annotated[str | None, Header()] = None,
 ) -> Any:
     """Follow a job: poll with ``after``, or listen to a stream that goes on from Last-Event-ID."""
-    record = await asyncio.to_thread(_find, request, job_id, client)
+    record = await asyncio.to_thread(find_job, request, job_id, client)
     store = request.app.state.store
     streams = "text/event-stream" in request.headers.get("accept", "")
     if streams and request.method == "GET":
@@ -465,7 +465,7 @@ async def _stream(request: Request, job_id: str, after: int) -> AsyncIterator[st
 @router.get("/jobs/{job_id}/results", responses=responses(404, 422))
 def results(request: Request, job_id: JobId, client: Reader) -> list[ResultView]:
     """List the files of a finished job."""
-    record = _find(request, job_id, client)
+    record = find_job(request, job_id, client)
     folder = job_folder(request.app.state.config.data, record.id) / "results"
     if record.state is not State.SUCCEEDED or not folder.is_dir():
         return []
@@ -485,7 +485,7 @@ def results(request: Request, job_id: JobId, client: Reader) -> list[ResultView]
     return found
 
 
-FILE = {
+FILE: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "The file",
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
@@ -508,7 +508,7 @@ def result(
     if_none_match: Annotated[str | None, Header()] = None,
 ) -> Response:
     """Fetch a result, whole or by ranges."""
-    record = _find(request, job_id, client)
+    record = find_job(request, job_id, client)
     folder = job_folder(request.app.state.config.data, record.id) / "results"
     good = safe_name(name)
     if good is None or record.state is not State.SUCCEEDED or not (folder / good).is_file():
@@ -532,7 +532,7 @@ def logs(
     if_none_match: Annotated[str | None, Header()] = None,
 ) -> Response:
     """Read what the workers of a job wrote to their logs."""
-    record = _find(request, job_id, client)
+    record = find_job(request, job_id, client)
     path = job_folder(request.app.state.config.data, record.id) / "worker.log"
     if not path.is_file():
         return Response("", media_type="text/plain; charset=utf-8")
@@ -558,7 +558,8 @@ def _add_heads() -> None:
             )
 
 
-def _find(request: Request, job_id: str, client: Client) -> JobRecord:
+def find_job(request: HTTPConnection, job_id: str, client: Client) -> JobRecord:
+    """Return a job that the client may see; a problem where there is none."""
     record: JobRecord | None = request.app.state.store.job(job_id)
     if record is None or not (client.sees_all or record.client == client.name):
         raise ProblemError("not-found", "there is no such job")

@@ -20,6 +20,9 @@ from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
 from service.jobs.paths import OURS
 
 CONTAINERS = ("mkv", "mp4", "webm")
+OURS_OF_OUTPUT = ("container", "video", "frames", "master")
+"""Fields of the output that stand for those of :class:`pipeline.job.OutputOptions` left out."""
+
 MAX_NAME = 200
 """Longest name of an uploaded file, characters."""
 
@@ -60,6 +63,7 @@ OutputModel = _model(
     container=(Literal[CONTAINERS], Field("mkv", description="container of the video")),
     video=(bool, Field(True, description="write a video")),
     frames=(bool, Field(False, description="write lossless PNG of every frame")),
+    master=(bool, Field(True, description="keep a lossless video that exports are made from")),
 )
 
 
@@ -104,16 +108,17 @@ def make_job(
     ConfigurationError
         If a value is out of range or contradicts another.
     """
-    given = request.settings.model_dump(exclude_unset=True)
+    parts: Any = request  # the type checker cannot know models made at run time
+    given = parts.settings.model_dump(exclude_unset=True)
     if threads:
         given["threads"] = threads
-    read = request.input.model_dump(exclude_unset=True)
+    read = parts.input.model_dump(exclude_unset=True)
     if "frames" in read:
         read["frames"] = FrameRange.parse(read["frames"])
     if read.get("views") is not None:
         read["views"] = tuple(read["views"])
-    wanted = request.output.model_dump()
-    container, video, frames = (wanted.pop(key) for key in ("container", "video", "frames"))
+    wanted = parts.output.model_dump()
+    container, video, frames, _ = (wanted.pop(key) for key in OURS_OF_OUTPUT)
     file = results / f"{name}{layout_token(wanted['layout'])}.{container}"
     return Job(
         scene=scene,

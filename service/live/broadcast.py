@@ -14,7 +14,7 @@ from __future__ import annotations
 import asyncio
 import math
 import threading
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncGenerator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -213,7 +213,7 @@ class Broadcast:
         ]
         return playlist(items, ended=self.ended, growing=False)
 
-    async def watch(self) -> AsyncIterator[Init | Fragment | Gap]:
+    async def watch(self) -> AsyncGenerator[Init | Fragment | Gap, None]:
         """Yield the init segment, then fragments from the newest key frame on, until the end.
 
         An init segment comes again when the video changes its kind; what follows it begins
@@ -237,7 +237,7 @@ class Broadcast:
                 yield step.part
                 place = step.place + 1
 
-    async def stills(self) -> AsyncIterator[Still]:
+    async def stills(self) -> AsyncGenerator[Still, None]:
         """Yield stills as they come; a slow viewer gets the newest."""
         seen = -1
         with self._listening() as news:

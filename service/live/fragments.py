@@ -5,6 +5,7 @@ Pure: bytes in, values out. Box structure after ISO/IEC 14496-12.
 
 from __future__ import annotations
 
+import dataclasses
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,6 +30,9 @@ class Init:
     """As in RFC 6381: ``avc1.640028``."""
     timescale: int
     """Ticks a second of the fragments' times."""
+    width: int
+    """Of the coded picture, pixels."""
+    height: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,15 +109,17 @@ class Splitter:
 
 def read_init(data: bytes) -> Init:
     """Return the init segment with what a playlist and a page need of it."""
+    avc1 = data.find(b"avc1", data.find(b"stsd"))
     avcc = data.find(b"avcC")
     mdhd = data.find(b"mdhd")
-    if avcc < 0 or mdhd < 0 or len(data) < avcc + 8:
+    if avc1 < 0 or avcc < avc1 + 32 or mdhd < 0 or len(data) < avcc + 8:
         raise DamagedStreamError("the init segment describes no H.264 track")
     version = data[mdhd + 4]
     (timescale,) = struct.unpack_from(">I", data, mdhd + (24 if version else 16))
     profile, constraints, level = data[avcc + 5 : avcc + 8]
     codec = f"avc1.{profile:02x}{constraints:02x}{level:02x}"
-    return Init(data=data, codec=codec, timescale=timescale)
+    width, height = struct.unpack_from(">HH", data, avc1 + 28)
+    return Init(data=data, codec=codec, timescale=timescale, width=width, height=height)
 
 
 def _times(moof: bytes) -> tuple[int, int, bool]:
@@ -157,3 +163,22 @@ def _children(moof: bytes) -> Iterator[tuple[str, int, int]]:
     for name, begin, end in boxes(moof, 8):
         if name == "traf":
             yield from boxes(moof, begin, end)
+
+
+def moved(fragment: Fragment, ticks: int, *, sequence: int) -> Fragment:
+    """Return the fragment with its times shifted and its sequence number set.
+
+    Raises
+    ------
+    DamagedStreamError
+        If it does not say when it begins.
+    """
+    data = bytearray(fragment.data)
+    at = data.find(b"tfdt")
+    header = data.find(b"mfhd")
+    if at < 0 or header < 0:
+        raise DamagedStreamError("the fragment does not say when it begins")
+    version = data[at + 4]
+    struct.pack_into(">Q" if version else ">I", data, at + 8, fragment.start + ticks)
+    struct.pack_into(">I", data, header + 8, sequence)
+    return dataclasses.replace(fragment, data=bytes(data), start=fragment.start + ticks)

@@ -1,0 +1,56 @@
+"""Where the frames of a job of the service go: the results, a lossless master, the tracks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pipeline.media.media_sink import MediaSink
+from pipeline.media.video_format import VideoCodec
+from pipeline.sink import OutputPlan, Sink
+from pipeline.stereo import StereoLayout
+from pipeline.tee_sink import TeeSink
+from service.jobs.watch_sink import EyeSources, OnPiece, WatchSink, watched_eyes
+
+MASTER = "master.mkv"
+"""Name of the lossless video in a job's folder that exports are made from."""
+
+WATCH = "watch"
+"""Name of the folder of the tracks in a job's folder."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JobSinks:
+    """Makes the sink of a job of the service."""
+
+    folder: Path
+    """Of the job."""
+    sources: EyeSources
+    keep_master: bool
+    on_piece: OnPiece = lambda track, number: None
+
+    def __call__(self, plan: OutputPlan) -> Sink:
+        """Return a sink that writes everything."""
+        others: dict[str, Sink] = {
+            "watch": WatchSink(plan, self.folder / WATCH, self.sources, self.on_piece)
+        }
+        if self.keep_master:
+            others["master"] = MediaSink(master_plan(plan, self.folder / MASTER))
+        return TeeSink(MediaSink(plan), others)
+
+
+def master_plan(plan: OutputPlan, path: Path) -> OutputPlan:
+    """Return the plan of the lossless video of both eyes, or of the one there is."""
+    eyes = watched_eyes(plan)
+    alone = StereoLayout.RIGHT if eyes[0] == plan.right else StereoLayout.LEFT
+    options = replace(
+        plan.options,
+        output=path,
+        layout=StereoLayout.SBS.value if len(eyes) == 2 else alone.value,
+        codec=VideoCodec.FFV1.value,
+        quality=None,
+        frames_dir=None,
+        report=None,
+        debug_dir=None,
+    )
+    return replace(plan, options=options, targets=eyes)
