@@ -24,12 +24,16 @@ STAGES = ("instructions", "screening", "stereo_acuity", "fatigue_before", "fatig
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """Durations of one presentation: A, grey, B, grey, ``showings`` times, then the vote."""
+    """Durations of one presentation: grey, A, grey, B, ``showings`` times, then the vote.
+
+    A presentation of which an interval is off by more than ``tolerance_s`` has failed.
+    """
 
     show_s: float = 3.0
     grey_s: float = 2.0
     vote_s: float = 8.0
     showings: int = 2
+    tolerance_s: float = 0.1
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):

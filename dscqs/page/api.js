@@ -36,8 +36,8 @@ export class Api {
     return this.#json(path, this.#sending("PUT", body));
   }
 
-  /** Send something that nobody waits for. */
-  note(kind, detail) {
+  /** Add to the audit trail; nobody waits for it. `detail` is an object. */
+  note(kind, detail = {}) {
     const asked = { ...this.#sending("POST", { kind, detail }), keepalive: true };
     fetch(this.base + "events", asked).catch(() => {});
   }

@@ -2,7 +2,7 @@
 
 import { DUBOIS_LEFT, DUBOIS_RIGHT, leastLightOfCodes, lightOfCodes } from "./anaglyph.js";
 import { MODES, placeEye, screenSize } from "./layout.js";
-import { COVER, DISPLAY } from "./shaders.js";
+import { COVER, displayShader } from "./shaders.js";
 
 const CONTEXT = Object.freeze({
   alpha: false,
@@ -36,9 +36,8 @@ export class StereoDrawing {
     if (gl === null) throw new Error("WebGL 2 is not available");
     this.gl = gl;
     this.canvas = canvas;
+    this.programs = new Map();
     this.setProfile(profile);
-    this.program = makeProgram(gl, COVER, DISPLAY);
-    this.uniforms = uniformsOf(gl, this.program);
     this.light = makeLightTable(gl);
     gl.bindVertexArray(gl.createVertexArray());
     gl.disable(gl.DITHER);
@@ -54,6 +53,12 @@ export class StereoDrawing {
     this.profile = profile;
     if (this.canvas.width !== profile.width_px) this.canvas.width = profile.width_px;
     if (this.canvas.height !== profile.height_px) this.canvas.height = profile.height_px;
+    const { code } = MODES[profile.mode];
+    if (!this.programs.has(code)) {
+      const program = makeProgram(this.gl, COVER, displayShader(code));
+      this.programs.set(code, { program, at: uniformsOf(this.gl, program) });
+    }
+    this.current = this.programs.get(code);
   }
 
   get largestTexture() {
@@ -101,22 +106,30 @@ export class StereoDrawing {
    * @param turn whose frame it is on a frame-sequential display: 0 left, 1 right
    */
   draw(source, surround, turn = 0) {
-    const { gl, uniforms: at, profile } = this;
+    const { gl, profile } = this;
+    const { program, at } = this.current;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, this.canvas.width, this.canvas.height);
-    gl.useProgram(this.program);
+    gl.useProgram(program);
     setSource(gl, at, source, surround, screenSize(profile), profile.swap);
-    gl.activeTexture(gl.TEXTURE0 + LIGHT);
-    gl.bindTexture(gl.TEXTURE_2D, this.light);
-    gl.uniform1i(at.light, LIGHT);
-    gl.uniform1i(at.mode, MODES[profile.mode].code);
     gl.uniform2i(at.signal, this.canvas.width, this.canvas.height);
     gl.uniform1i(at.phase, profile.phase);
     gl.uniform1i(at.turn, turn);
     gl.uniform1i(at.blueLine, profile.eye_code === "blue-line" ? 1 : 0);
-    gl.uniform3iv(at["duboisLeft[0]"], DUBOIS_LEFT);
-    gl.uniform3iv(at["duboisRight[0]"], DUBOIS_RIGHT);
+    if (at.light !== undefined) {
+      gl.activeTexture(gl.TEXTURE0 + LIGHT);
+      gl.bindTexture(gl.TEXTURE_2D, this.light);
+      gl.uniform1i(at.light, LIGHT);
+      gl.uniform3iv(at["duboisLeft[0]"], DUBOIS_LEFT);
+      gl.uniform3iv(at["duboisRight[0]"], DUBOIS_RIGHT);
+    }
     gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  /** Draw each source once, unseen, and wait: what a driver does at first use is done then. */
+  warmUp(sources, surround) {
+    for (const source of [...sources, null]) this.draw(source, surround);
+    this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
   }
 
   /** Return the pixels that were drawn last, RGBA, rows from the top; call right after `draw`. */

@@ -1,7 +1,7 @@
 /** Shows the two sides of a presentation to the clock of the screen, and tells how it went. */
 
 import { refreshPeriod } from "./environment.js";
-import { frameAt, isOff, makeSchedule, STALL_MS } from "./schedule.js";
+import { frameAt, isOff, makeSchedule } from "./schedule.js";
 
 /**
  * What shows and asks for frames: the page's canvas, or a headset.
@@ -68,6 +68,7 @@ class Run {
     this.letters = letters;
     this.screen = screen;
     this.period = period;
+    this.tolerated = { toleranceMs: 1000 * presentation.timing.tolerance_s, periodMs: period };
     this.surround = [presentation.grey, presentation.grey, presentation.grey];
     this.log = {
       began: new Date().toISOString(),
@@ -98,7 +99,7 @@ class Run {
     this.#last = now;
     const missed = Math.max(0, Math.round(gap / this.period) - 1);
     if (this.#at >= 0) this.log.intervals[this.#at].late += missed;
-    if (gap > STALL_MS) {
+    if (this.#isMoving() && isOff(this.period, gap, this.tolerated)) {
       this.fault({ kind: "stall", detail: `no refresh for ${gap.toFixed(0)} ms` });
       return;
     }
@@ -109,13 +110,18 @@ class Run {
     if (!this.#isOver) this.screen.requestFrame((time) => this.#frame(time));
   }
 
+  /** Tell whether a video is on the screen: a still does not suffer from a refresh missed. */
+  #isMoving() {
+    return this.#at >= 0 && this.sides[this.#schedule[this.#at].what]?.count > 1;
+  }
+
   /** Go on to the next interval; false where the presentation is over. */
   #leave(elapsed) {
     const past = this.log.intervals[this.#at];
     if (past !== undefined) {
       past.to_ms = rounded(elapsed);
       const lasted = past.to_ms - past.from_ms;
-      if (isOff(past.planned_ms, lasted, this.period)) {
+      if (isOff(past.planned_ms, lasted, this.tolerated)) {
         this.fault({ kind: "late", detail: `${past.what} lasted ${lasted.toFixed(1)} ms` });
         return false;
       }

@@ -38,7 +38,7 @@ class Scale {
     this.value = value;
     const handle = this.element.lastElementChild;
     handle.hidden = false;
-    handle.style.setProperty("--from-top", `${MOST - value}%`);
+    handle.style.setProperty("--from-top", String(1 - value / MOST));
     this.element.setAttribute("aria-valuenow", String(value));
     this.element.setAttribute("aria-valuetext", this.labels[fifthOf(value)]);
     this.onchange();

@@ -1,10 +1,6 @@
 /** When what is shown: pure functions. */
 
-/** Showings of one side longer than this without a picture are faults, ms. */
-export const STALL_MS = 250;
-
-/** How far the length of an interval may be off: a part of it, but always some refreshes. */
-const TOLERATED_PART = 0.05;
+/** An interval may always be off by some refreshes: they cannot be divided. */
 const TOLERATED_REFRESHES = 2;
 
 /**
@@ -40,7 +36,7 @@ export function frameAt(elapsedMs, { count, frameMs, isWhole }) {
 }
 
 /** Return whether an interval that should have lasted `planned` lasted too long or too short. */
-export function isOff(planned, lasted, periodMs) {
-  const most = Math.max(TOLERATED_PART * planned, TOLERATED_REFRESHES * periodMs);
+export function isOff(planned, lasted, { toleranceMs, periodMs }) {
+  const most = Math.max(toleranceMs, TOLERATED_REFRESHES * periodMs);
   return Math.abs(lasted - planned) > most + 1e-6;
 }

@@ -40,20 +40,36 @@ ivec3 look(int eye, ivec2 place) {
 }
 `;
 
-/** All displays that take one flat signal. */
-export const DISPLAY = `#version 300 es
-${FETCH}
+/** Where the pixel p of the signal comes from, for the codes of the modes in layout.js. */
+const PIXELS = Object.freeze([
+  "return look(0, p);",
+  "return look(1, p);",
+  `int eye = p.x < signal.x / 2 ? 0 : 1;
+  return look(eye, ivec2(p.x - eye * (signal.x / 2), p.y));`,
+  `int eye = p.x < signal.x / 2 ? 0 : 1;
+  p.x = 2 * (p.x - eye * (signal.x / 2));
+  return (look(eye, p) + look(eye, p + ivec2(1, 0)) + 1) / 2;`,
+  `int eye = p.y < signal.y / 2 ? 0 : 1;
+  return look(eye, ivec2(p.x, p.y - eye * (signal.y / 2)));`,
+  `int eye = p.y < signal.y / 2 ? 0 : 1;
+  p.y = 2 * (p.y - eye * (signal.y / 2));
+  return (look(eye, p) + look(eye, p + ivec2(0, 1)) + 1) / 2;`,
+  "return look((p.y + phase) & 1, p);",
+  "return look((p.x + phase) & 1, p);",
+  "return look((p.x + p.y + phase) & 1, p);",
+  "return anaglyph(p);",
+  `// A blue line in the last row tells the glasses: a quarter long, left; three quarters, right.
+  int blue = p.x < (turn == 0 ? signal.x / 4 : 3 * signal.x / 4) ? 255 : 0;
+  return blueLine && p.y == signal.y - 1 ? ivec3(0, 0, blue) : look(turn, p);`,
+]);
+
+const ANAGLYPH = 9;
+
+const ANAGLYPH_ARITHMETIC = `
 precision highp isampler2D;
 uniform isampler2D light;       // row 0: linear light of a code; row 1: least light of a code
-uniform int mode;
-uniform ivec2 signal;
-uniform int phase;
-uniform int turn;               // whose frame it is, in turns
-uniform bool blueLine;
 uniform ivec3 duboisLeft[3];
 uniform ivec3 duboisRight[3];
-out vec4 colour;
-
 const int WHITE = ${WHITE};
 
 ivec3 lightOf(ivec3 code) {
@@ -87,48 +103,27 @@ ivec3 anaglyph(ivec2 p) {
   }
   return made;
 }
+`;
 
-// A blue line in the last row tells the glasses: a quarter long, left; three quarters, right.
-bool line(ivec2 p, out ivec3 made) {
-  made = ivec3(0, 0, p.x < (turn == 0 ? signal.x / 4 : 3 * signal.x / 4) ? 255 : 0);
-  return blueLine && p.y == signal.y - 1;
-}
-
+/** Return the shader of a display that takes one flat signal, by the code of its mode. */
+export function displayShader(code) {
+  return `#version 300 es
+${FETCH}
+uniform ivec2 signal;
+uniform int phase;
+uniform int turn;               // whose frame it is, in turns
+uniform bool blueLine;
+out vec4 colour;
+${code === ANAGLYPH ? ANAGLYPH_ARITHMETIC : ""}
 ivec3 pixel(ivec2 p) {
-  ivec2 middle = signal / 2;
-  int eye;
-  ivec3 made;
-  switch (mode) {
-    case 0: return look(0, p);
-    case 1: return look(1, p);
-    case 2:
-      eye = p.x < middle.x ? 0 : 1;
-      return look(eye, ivec2(p.x - eye * middle.x, p.y));
-    case 3:
-      eye = p.x < middle.x ? 0 : 1;
-      p.x = 2 * (p.x - eye * middle.x);
-      return (look(eye, p) + look(eye, p + ivec2(1, 0)) + 1) / 2;
-    case 4:
-      eye = p.y < middle.y ? 0 : 1;
-      return look(eye, ivec2(p.x, p.y - eye * middle.y));
-    case 5:
-      eye = p.y < middle.y ? 0 : 1;
-      p.y = 2 * (p.y - eye * middle.y);
-      return (look(eye, p) + look(eye, p + ivec2(0, 1)) + 1) / 2;
-    case 6: return look((p.y + phase) & 1, p);
-    case 7: return look((p.x + phase) & 1, p);
-    case 8: return look((p.x + p.y + phase) & 1, p);
-    case 9: return anaglyph(p);
-    default:
-      if (line(p, made)) return made;
-      return look(turn, p);
-  }
+  ${PIXELS[code]}
 }
 
 void main() {
   ivec2 p = ivec2(gl_FragCoord.xy);
   colour = vec4(vec3(pixel(ivec2(p.x, signal.y - 1 - p.y))) / 255.0, 1.0);
 }`;
+}
 
 /** A headset: a flat screen in front of the eyes, unlit, nearest pixel. */
 export const SCREEN_IN_SPACE = `#version 300 es
