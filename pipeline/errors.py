@@ -6,6 +6,7 @@
     ├── SceneError          the input is not what it says it is
     ├── ConfigurationError  a setting is out of range or contradicts another
     ├── OutputError         the result cannot be written
+    ├── ClusterError        the machines that compute cannot be used
     └── Interrupted         somebody asked the work to stop
 
 The default message of an error is its own docstring, so that each class has
@@ -68,6 +69,12 @@ class OutputError(PipelineError):
 
     code = "output-error"
     exit_status = 2
+
+
+class ClusterError(PipelineError):
+    """The machines that compute cannot be used; the message names them and what to do."""
+
+    code = "cluster-error"
 
 
 class Interrupted(PipelineError):

@@ -16,15 +16,22 @@ from typing import Any
 from pipeline.events import Event, FrameFinished, JobFinished, JobStarted, Joining, Warned
 from pipeline.fingerprint import make_fingerprint
 from pipeline.frames import MultiViewFrame
-from pipeline.job import Job, Segment, cut_segments
+from pipeline.job import Job, cut_segments
 from pipeline.media.files import write_atomic
 from pipeline.plan import check_outputs, make_plan, with_magnification
 from pipeline.psf_curve import PsfCurve
 from pipeline.psf_search import search_psf
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.report import make_report, strict_json
-from pipeline.segments import Engine, FrameComputed, LocalEngine, SegmentTools, Work
-from pipeline.sink import Sink
+from pipeline.segments import (
+    Engine,
+    FrameComputed,
+    LocalEngine,
+    SegmentTools,
+    Work,
+    is_finished,
+    open_source,
+)
 from pipeline.stop import StopFlag
 from pipeline.threads import set_threads
 from pipeline.workfolder import WorkFolder, work_folder_of
@@ -115,18 +122,11 @@ def run_job(
     begin = tools.clock()
     set_threads(job.settings.threads)
     check_outputs(job)
-    options = job.input
-    with tools.open_scene(
-        job.scene,
-        input_layout=options.input_layout,
-        left=options.left,
-        right=options.right,
-        views=options.views,
-    ) as source:
+    with open_source(job, tools.open_scene) as source:
         stop.check()
         info = source.info
         job = with_magnification(job, info)
-        frames = options.frames.within(info.frame_indices)
+        frames = job.input.frames.within(info.frame_indices)
         plan = make_plan(job, info)
         sink = tools.make_sink(plan)
         segments = cut_segments(frames, job.output.segment_length)
@@ -135,7 +135,7 @@ def run_job(
         fingerprint = make_fingerprint(job, frames, plan.targets)
         with WorkFolder(work_folder_of(anchor), fingerprint, resume=resume) as folder:
             sink.prepare()
-            todo = [segment for segment in segments if not _is_there(folder, sink, segment)]
+            todo = [segment for segment in segments if not is_finished(folder, sink, segment)]
             computed = sum(len(segment) for segment in todo)
             tell.total = len(frames)
             for segment in segments:
@@ -209,11 +209,3 @@ def _estimated_psf(
     if curve.remark:
         tell(Warned(text=curve.remark))
     return GaussianPsf.of(curve.sigma, curve.support)
-
-
-def _is_there(folder: WorkFolder, sink: Sink, segment: Segment) -> bool:
-    """Return whether a segment is finished and its files are all there."""
-    account = folder.account(segment)
-    if account is None or len(account.get("frames", ())) != len(segment):
-        return False
-    return all(path.is_file() for path in sink.files_of(segment, folder.stem(segment)))

@@ -153,7 +153,7 @@ class LocalEngine:
             done = stage(line.reconstruct(registered), "reconstruct")
             try:
                 for segment in segments:
-                    self._write(work, segment, done, on_event)
+                    self._write(work, segment, done, on_event, stop)
                     on_event(SegmentFinished(index=segment.index, count=work.num_segments))
             except BaseException:
                 failed.set()  # so that no stage goes on with its frame
@@ -166,6 +166,7 @@ class LocalEngine:
         segment: Segment,
         done: Iterator[_DoneFrame],
         on_event: Callable[[Event], None],
+        stop: StopFlag,
     ) -> None:
         """Write one segment; its account comes last and makes it count."""
         accounts: list[dict[str, Any]] = []
@@ -189,6 +190,7 @@ class LocalEngine:
 
         files = SegmentFiles(work.folder)
         timings = self._sink.write_segment(segment, files.stem(segment), results())
+        stop.check()  # nobody may want it any more
         files.finish(
             segment,
             {
@@ -277,6 +279,26 @@ class _Line:
                 timings={"decode": item.read.seconds, **result.report.timings, "frame": seconds},
                 depth=depth_origin(item.read.frame),
             )
+
+
+def open_source(job: Job, open_scene: Callable[..., FrameSource] = open_scene) -> FrameSource:
+    """Return the scene of a job, open."""
+    options = job.input
+    return open_scene(
+        job.scene,
+        input_layout=options.input_layout,
+        left=options.left,
+        right=options.right,
+        views=options.views,
+    )
+
+
+def is_finished(files: SegmentFiles, sink: Sink, segment: Segment) -> bool:
+    """Return whether a segment is finished and its files are all there."""
+    account = files.account(segment)
+    if account is None or len(account.get("frames", ())) != len(segment):
+        return False
+    return all(path.is_file() for path in sink.files_of(segment, files.stem(segment)))
 
 
 def first_frame(work: Work, segment: Segment) -> int:

@@ -32,7 +32,7 @@ class StopFlag:
 
     def check(self) -> None:
         """Raise :class:`Interrupted` if the work was asked to stop."""
-        if self._event.is_set():
+        if self.is_set:
             raise Interrupted
 
     @contextmanager

@@ -19,7 +19,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -30,6 +30,7 @@ from service.console import EXIT_DONE, EXIT_FAILURE, EXIT_USAGE, one_line, repor
 from service.numba_cache import prepare_numba_cache
 
 if TYPE_CHECKING:
+    from pipeline.segments import Engine
     from pipeline.stop import StopFlag
     from service.progress import Progress
 
@@ -113,6 +114,12 @@ def _add_run(commands: Any) -> None:
         help="go on from what an interrupted run of the same job has finished",
     )
     add_options(parser.add_argument_group("method"), Settings)
+    parser.add_argument_group("where").add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="scheduler of Dask distributed whose workers compute the segments "
+        "(default: this machine alone)",
+    )
     _add_talk(parser)
     parser.set_defaults(command=_run_run)
 
@@ -269,7 +276,10 @@ def _run_run(arguments: argparse.Namespace) -> int:
     with _watching(arguments) as (stop, progress):
         from pipeline.run import run_job
 
-        summary = run_job(job, on_event=progress, stop=stop, resume=arguments.resume)
+        with _engine(arguments.cluster, stop) as engine:
+            summary = run_job(
+                job, on_event=progress, stop=stop, resume=arguments.resume, engine=engine
+            )
     if not arguments.quiet:
         from service.progress import duration
 
@@ -279,6 +289,16 @@ def _run_run(arguments: argparse.Namespace) -> int:
         for remark in summary.report["remarks"]:
             _say(f"  {remark}")
     return EXIT_DONE
+
+
+def _engine(cluster: str | None, stop: StopFlag) -> AbstractContextManager[Engine | None]:
+    """Return what computes the segments: the workers of a cluster, or None for this process."""
+    if cluster is None:
+        return nullcontext()
+    from pipeline.cluster import ClusterEngine
+
+    with stop.breakable():
+        return ClusterEngine(cluster)
 
 
 def _run_probe(arguments: argparse.Namespace) -> int:

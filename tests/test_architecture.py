@@ -114,6 +114,16 @@ def test_the_state_machine_touches_nothing_outside():
         assert _offenders(place, *outside) == []
 
 
+def test_the_cluster_is_behind_one_door():
+    users = {
+        path.relative_to(ROOT).as_posix()
+        for package in PACKAGES
+        for path in _files(package)
+        if any(name.split(".")[0] in ("distributed", "dask") for name in _imports(path))
+    }
+    assert users == {"pipeline/cluster.py"}
+
+
 @pytest.mark.parametrize("room", NUMERIC_ROOMS)
 def test_numeric_rooms_touch_nothing_outside(room):
     assert _offenders(room, *OUTSIDE_WORLD) == []

@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from pipeline.config import Settings
 from pipeline.events import SegmentFinished
-from pipeline.job import Job, OutputOptions
-from pipeline.run import run_job
+from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
+from pipeline.media.layouts import describe_path
+from pipeline.media.scene_source import SceneSource
+from pipeline.metrics import psnr
+from pipeline.run import Tools, run_job
 from pipeline.synthetic import SampleScene, write_scene
 
 NUM_FRAMES = 8
 
 
-def _job(manifest: Path, folder: Path, temporal: str = "warm") -> Job:
+def _job(manifest: Path, folder: Path, segment_length: int = 4) -> Job:
     folder.mkdir()
     return Job(
         scene=manifest,
-        settings=Settings(temporal=temporal),
+        settings=Settings(temporal="warm"),
         output=OutputOptions(
-            frames_dir=folder / "frames", report=folder / "report.json", segment_length=4
+            frames_dir=folder / "frames", report=folder / "report.json",
+            segment_length=segment_length,
         ),
-    )
+    )  # fmt: skip
 
 
 def _pictures(folder: Path) -> dict[str, bytes]:
@@ -38,9 +45,43 @@ def manifest(tmp_path_factory):
     return write_scene(folder, scene, num_frames=NUM_FRAMES, noise_sigma=2.0)
 
 
-def test_a_resumed_run_equals_an_undisturbed_one(manifest, tmp_path):
-    whole = _job(manifest, tmp_path / "whole")
-    run_job(whole)
+@pytest.fixture(scope="module")
+def whole(manifest, tmp_path_factory):
+    """The folder of an undisturbed run in two segments."""
+    folder = tmp_path_factory.mktemp("whole") / "job"
+    run_job(_job(manifest, folder))
+    return folder
+
+
+def test_the_picture_does_not_jump_where_segments_meet(manifest, whole, tmp_path):
+    run_job(_job(manifest, tmp_path / "uncut", segment_length=NUM_FRAMES))
+    cut, uncut = _pictures(whole), _pictures(tmp_path / "uncut")
+    assert cut.keys() == uncut.keys()
+    worst = min(
+        psnr(*(cv2.imdecode(np.frombuffer(of[name], np.uint8), 0) for of in (cut, uncut)))
+        for name in cut
+    )
+    assert worst >= 50
+
+
+def test_nothing_outside_the_frames_asked_for_is_read(manifest, tmp_path):
+    job = _job(manifest, tmp_path / "part")
+    asked, read = range(3, 5), []
+
+    class Watched(SceneSource):
+        def read(self, frame_index):
+            read.append(frame_index)
+            return super().read(frame_index)
+
+    def open_watched(path, *, input_layout, **options):
+        return Watched(describe_path(path, input_layout), **options)
+
+    job = replace(job, input=InputOptions(frames=FrameRange(start=3, stop=5)))
+    run_job(job, tools=Tools(open_scene=open_watched))
+    assert read == list(asked)
+
+
+def test_a_resumed_run_equals_an_undisturbed_one(manifest, whole, tmp_path):
     cut = _job(manifest, tmp_path / "cut")
 
     def die(event):
@@ -51,15 +92,13 @@ def test_a_resumed_run_equals_an_undisturbed_one(manifest, tmp_path):
         run_job(cut, on_event=die)
     summary = run_job(cut, resume=True)
     assert 0 < summary.frames_computed < NUM_FRAMES
-    expected = _pictures(tmp_path / "whole")
+    expected = _pictures(whole)
     assert len(expected) == 2 * NUM_FRAMES
     assert _pictures(tmp_path / "cut") == expected
 
 
-def test_the_report_says_how_each_frame_started(manifest, tmp_path):
-    job = _job(manifest, tmp_path / "job")
-    run_job(job)
-    frames = json.loads(job.output.report.read_text())["frames"]
+def test_the_report_says_how_each_frame_started(whole):
+    frames = json.loads((whole / "report.json").read_text())["frames"]
     shares = [target["start"]["warm_share"] for frame in frames for target in frame["targets"]]
     assert [frame["frame_index"] for frame in frames] == list(range(NUM_FRAMES))
     assert shares[:2] == [0.0, 0.0]

@@ -1,0 +1,210 @@
+"""Segments on real Dask workers: the same bits as here, whatever dies meanwhile."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pickle
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pipeline.cluster import ClusterEngine, examine
+from pipeline.config import Settings
+from pipeline.errors import ClusterError, Interrupted, SceneError
+from pipeline.events import FrameFinished, SegmentFinished
+from pipeline.job import Job, OutputOptions
+from pipeline.run import run_job
+from pipeline.stop import StopFlag
+from pipeline.synthetic import SampleScene, write_scene
+
+ROOT = Path(__file__).parents[2]
+NUM_FRAMES = 6
+START = 120.0
+"""Seconds that processes may take to come up."""
+
+
+class Cluster:
+    """A scheduler that lacks our package, and workers: processes as an operator starts them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._file = folder / "scheduler.json"
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self.without_package = folder / "without-package"
+        self.without_package.mkdir()
+        (self.without_package / "pipeline.py").write_text(
+            "raise ModuleNotFoundError(\"No module named 'pipeline'\")"
+        )
+        self._start(
+            "scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1",
+            PYTHONPATH=str(self.without_package),
+        )  # fmt: skip
+        end = time.monotonic() + START
+        while not self._file.exists() and time.monotonic() < end:
+            time.sleep(0.1)
+        self.address = json.loads(self._file.read_text())["address"]
+
+    def worker(self, **environment: str) -> subprocess.Popen[bytes]:
+        return self._start(
+            "worker", "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1",
+            **environment,
+        )  # fmt: skip
+
+    def _start(self, what: str, *options: str, **environment: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "dask", what, "--scheduler-file", str(self._file)]
+        with (self.folder / f"{what}.log").open("ab") as log:
+            process = subprocess.Popen(
+                [*command, *options], cwd=self.folder, stdout=log, stderr=log,
+                env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+            )  # fmt: skip
+        self._processes.append(process)
+        return process
+
+    def close(self) -> None:
+        for process in reversed(self._processes):
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory) -> Iterator[Cluster]:
+    with contextlib.closing(Cluster(tmp_path_factory.mktemp("cluster"))) as started:
+        started.worker()
+        yield started
+
+
+@pytest.fixture(scope="module")
+def manifest(tmp_path_factory):
+    scene = SampleScene(width=104, height=80, num_views=2)
+    folder = tmp_path_factory.mktemp("scene") / "scene"
+    return write_scene(folder, scene, num_frames=NUM_FRAMES, noise_sigma=2.0)
+
+
+def _job(manifest: Path, folder: Path, *, segment_length: int = 2) -> Job:
+    folder.mkdir()
+    return Job(
+        scene=manifest,
+        settings=Settings(temporal="warm"),
+        output=OutputOptions(
+            output=folder / "out.mkv", frames_dir=folder / "frames",
+            report=folder / "report.json", segment_length=segment_length,
+        ),
+    )  # fmt: skip
+
+
+def _bytes(folder: Path) -> dict[str, bytes]:
+    files = [folder / "out.mkv", *sorted((folder / "frames").iterdir())]
+    return {path.name: path.read_bytes() for path in files}
+
+
+@pytest.fixture(scope="module")
+def local(manifest, tmp_path_factory) -> dict[str, bytes]:
+    folder = tmp_path_factory.mktemp("local") / "job"
+    run_job(_job(manifest, folder))
+    return _bytes(folder)
+
+
+def test_a_worker_killed_in_the_middle_costs_a_retry_and_no_bit(cluster, manifest, local, tmp_path):
+    doomed = cluster.worker()
+    job = _job(manifest, tmp_path / "job")
+    events = []
+
+    def on_event(event):
+        events.append(event)
+        if isinstance(event, FrameFinished) and doomed.poll() is None:
+            doomed.kill()  # both workers are in the middle of a segment
+            doomed.wait()
+
+    with ClusterEngine(cluster.address, patience=START) as engine:
+        engine._client.wait_for_workers(2, timeout=START)
+        summary = run_job(job, engine=engine, on_event=on_event)
+    assert doomed.poll() is not None
+    assert _bytes(tmp_path / "job") == local
+    assert summary.frames_computed == NUM_FRAMES
+    assert {event.index for event in events if isinstance(event, SegmentFinished)} == {0, 1, 2}
+    last = [event for event in events if isinstance(event, FrameFinished)][-1]
+    assert (last.done, last.total) == (NUM_FRAMES, NUM_FRAMES)
+    frames = json.loads((tmp_path / "job" / "report.json").read_text())["frames"]
+    assert [frame["frame_index"] for frame in frames] == list(range(NUM_FRAMES))
+    assert sorted(path.name for path in (tmp_path / "job").iterdir()) == [
+        "frames", "out.mkv", "report.json",
+    ]  # fmt: skip
+
+
+def test_a_stop_ends_the_workers_tasks_and_a_resumed_run_goes_on(
+    cluster, manifest, local, tmp_path
+):
+    job, stop = _job(manifest, tmp_path / "job"), StopFlag()
+    stopped = []
+
+    def on_event(event):
+        if isinstance(event, SegmentFinished):
+            stop.set()
+            stopped.append(time.monotonic())
+
+    with ClusterEngine(cluster.address, patience=START) as engine:
+        with pytest.raises(Interrupted):
+            run_job(job, engine=engine, on_event=on_event, stop=stop)
+        assert time.monotonic() - stopped[0] < 60
+        end = time.monotonic() + 60
+        while any(engine._client.processing().values()) and time.monotonic() < end:
+            time.sleep(0.1)
+        assert not any(engine._client.processing().values())
+        assert not (tmp_path / "job" / "out.mkv").exists()
+        summary = run_job(job, engine=engine, resume=True)
+    assert 0 < summary.frames_computed < NUM_FRAMES
+    assert _bytes(tmp_path / "job") == local
+
+
+def test_an_error_of_the_scene_is_told_as_at_home(cluster, manifest, tmp_path):
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    for path in manifest.parent.rglob("*"):
+        if path.is_file():
+            copy = folder / path.relative_to(manifest.parent)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_bytes(path.read_bytes())
+    broken = sorted(path for path in folder.rglob("*") if path.suffix in (".png", ".mkv"))[0]
+    broken.write_bytes(b"nothing")
+    job = replace(_job(manifest, tmp_path / "job"), scene=folder / manifest.name)
+    with (
+        ClusterEngine(cluster.address, patience=START) as engine,
+        pytest.raises(SceneError, match=broken.name),
+    ):
+        run_job(job, engine=engine)
+
+
+def test_no_scheduler_and_no_worker_are_told_apart(tmp_path):
+    with pytest.raises(ClusterError, match="no scheduler answers there"):
+        ClusterEngine("tcp://127.0.0.1:9", patience=0.5)
+    with pytest.raises(ClusterError, match="no scheduler answers there"):
+        ClusterEngine("carrier pigeon", patience=0.5)
+    with (
+        contextlib.closing(Cluster(tmp_path)) as empty,
+        pytest.raises(ClusterError, match="no worker; start some with 'dask worker tcp:"),
+    ):
+        ClusterEngine(empty.address, patience=2)
+
+
+def test_a_worker_without_the_package_is_named(cluster, manifest, tmp_path):
+    process = cluster.worker(PYTHONPATH=str(cluster.without_package))
+    try:
+        with ClusterEngine(cluster.address, patience=START) as engine:
+            engine._client.wait_for_workers(2, timeout=START)
+            with pytest.raises(ClusterError, match=r"worker tcp://.*: it cannot import depthsr"):
+                run_job(_job(manifest, tmp_path / "job"), engine=engine)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_a_worker_that_differs_says_in_what():
+    other = pickle.dumps({"versions": {"numpy": "1.0"}, "scene": [], "work": b""})
+    assert "not 1.0; install the same version there" in examine(other)
