@@ -36,9 +36,9 @@ def _measure(folder: Path, count: int, workers: int) -> None:
     from pipeline.synthetic.writing import write_scene
 
     write_scene(folder / "scenes" / "tiny", SampleScene(width=48, height=36, num_views=3))
-    words = [sys.executable, "-m", "service", "serve", "--port", "0", "--log-level", "warning"]
+    words = [sys.executable, "-m", "service", "serve", "--port", "0", "--zenoh", "off"]
     words += ["--data", str(folder / "data"), "--roots", str(folder / "scenes")]
-    words += ["--workers", str(workers)]
+    words += ["--workers", str(workers), "--log-level", "warning"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         found = re.search(r"http://\S+", process.stdout.readline())

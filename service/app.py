@@ -12,6 +12,8 @@ from pathlib import Path
 
 from fastapi import APIRouter, FastAPI
 
+from service.bus.bus import Bus
+from service.bus.config import BusConfig
 from service.config import ServiceConfig
 from service.desks import Desks
 from service.http import (
@@ -22,6 +24,7 @@ from service.http import (
     jobs,
     problems,
     session,
+    streams,
     uploads,
     watch,
 )
@@ -35,11 +38,12 @@ from service.metrics import Metrics
 from service.notices import Notices
 from service.scheduler import Scheduler
 from service.store import Store
+from service.streams.streams import Streams
 
 log = logging.getLogger(__name__)
 
 ROUTERS: tuple[APIRouter, ...] = (
-    jobs.router, uploads.router, session.router, health.router, watch.router,
+    jobs.router, streams.router, uploads.router, session.router, health.router, watch.router,
     dscqs.router, dscqs_operator.router, dscqs_pages.router,
 )  # fmt: skip
 """Every door of the service."""
@@ -48,8 +52,8 @@ ROUTERS: tuple[APIRouter, ...] = (
 def create_app(config: ServiceConfig) -> FastAPI:
     """Return the application; its lifespan opens the data folder and starts the workers.
 
-    Afterwards ``app.state`` has ``config``, ``store``, ``scheduler``, ``notices``, ``tokens``,
-    ``metrics``, ``broadcasts``, ``desks`` and ``operators``.
+    Afterwards ``app.state`` has ``config``, ``store``, ``scheduler``, ``streams``, ``notices``,
+    ``tokens``, ``metrics``, ``broadcasts``, ``desks`` and ``operators``.
     """
 
     @asynccontextmanager
@@ -68,13 +72,24 @@ def create_app(config: ServiceConfig) -> FastAPI:
             app.state.store, app.state.scheduler = store, scheduler
             app.state.metrics.watch(store, scheduler)
             await asyncio.to_thread(uploads.sweep, store)
+            live = Streams(
+                config,
+                open_bus=_open_bus,
+                broadcasts=app.state.broadcasts,
+                on_change=app.state.notices.tell,
+            )
+            app.state.streams = live
+            app.state.metrics.watch_streams(live)
             await asyncio.to_thread(scheduler.start)
+            await asyncio.to_thread(live.start)
             try:
                 yield
             finally:
                 app.state.notices.stop()
                 app.state.broadcasts.stop()
-                await asyncio.to_thread(scheduler.close)
+                await asyncio.gather(
+                    asyncio.to_thread(scheduler.close), asyncio.to_thread(live.close)
+                )
         finally:
             if hasattr(app.state, "desks"):
                 app.state.desks.close()
@@ -103,6 +118,12 @@ def create_app(config: ServiceConfig) -> FastAPI:
         app.include_router(router)
     _declare(app)
     return app
+
+
+def _open_bus(config: BusConfig) -> Bus:
+    from service.bus.zenoh_bus import ZenohBus  # a service without streams need not load it
+
+    return ZenohBus(config)
 
 
 def _declare(app: FastAPI) -> None:

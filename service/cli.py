@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from service.cli_dscqs import add_dscqs
 from service.cli_serve import add_serve
+from service.cli_streams import add_streams
 from service.console import EXIT_DONE, EXIT_FAILURE, EXIT_USAGE, one_line, report_error
 from service.numba_cache import prepare_numba_cache
 
@@ -83,6 +84,7 @@ def make_parser() -> Parser:
     _add_demo(commands)
     _add_compile(commands)
     add_serve(commands)
+    add_streams(commands)
     add_dscqs(commands)
     version = commands.add_parser("version", help="print the versions of everything that matters")
     version.set_defaults(command=_run_version)

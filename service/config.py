@@ -17,6 +17,7 @@ from typing import Any
 
 from pipeline.config import option_name, setting
 from pipeline.errors import ConfigurationError
+from service.bus.config import DEFAULT_ENDPOINT, MODES, BusConfig
 
 MIB = 1 << 20
 PREFIX = "DEPTHSR_"
@@ -50,6 +51,26 @@ class ServiceConfig:
     quota: int = setting(102_400, "largest size of the data folder", unit="MiB")
     disk_reserve: int = setting(256, "disk space to leave free", unit="MiB")
     grace: float = setting(5.0, "time for an orderly end", unit="seconds")
+    zenoh: str = setting(
+        "router",
+        "part to play on the bus of streams, or off",
+        choices=("router", "peer", "client", "off"),
+    )
+    zenoh_listen: tuple[str, ...] = setting(
+        (DEFAULT_ENDPOINT,), "endpoints to listen on, comma-separated; not as client"
+    )
+    zenoh_connect: tuple[str, ...] = setting((), "endpoints to connect to, comma-separated")
+    zenoh_ca: Path | None = setting(None, "certificate of the authority that others' are signed by")
+    zenoh_certificate: Path | None = setting(None, "our certificate (PEM)")
+    zenoh_key: Path | None = setting(None, "private key of our certificate (PEM)")
+    zenoh_mutual_tls: bool = setting(False, "take only those with a certificate of the authority")
+    zenoh_users: Path | None = setting(None, "file of who may connect, a line each: NAME:PASSWORD")
+    zenoh_user: str | None = setting(None, "name to give when connecting")
+    zenoh_password_file: Path | None = setting(None, "file of the password to give when connecting")
+    max_streams: int = setting(2, "streams at the same time", unit="streams")
+    max_views: int = setting(16, "views of a stream", unit="views")
+    max_payload: int = setting(64, "largest picture that a stream takes", unit="MiB")
+    max_rate: float = setting(60.0, "frames a second that a stream takes", unit="frames a second")
     log_level: str = setting(
         "info", "least severe log lines", choices=("debug", "info", "warning", "error")
     )
@@ -61,6 +82,8 @@ class ServiceConfig:
             "stall": (1, 86400), "max_body": (1, 1 << 24), "max_files": (1, 1_000_000),
             "max_pixels": (1, 1 << 30), "max_frames": (1, 10_000_000), "max_queue": (1, 1_000_000),
             "quota": (1, 1 << 30), "disk_reserve": (0, 1 << 24), "grace": (0.1, 600),
+            "max_streams": (0, 256), "max_views": (2, 256), "max_payload": (1, 1024),
+            "max_rate": (0.1, 1000),
         }  # fmt: skip
         for name, (least, most) in limits.items():
             if not least <= getattr(self, name) <= most:
@@ -69,6 +92,40 @@ class ServiceConfig:
                 )
         if self.log_level not in ("debug", "info", "warning", "error"):
             raise ConfigurationError(f"--log-level: {self.log_level!r} is not a level")
+        if self.zenoh not in MODES:
+            raise ConfigurationError(f"--zenoh: must be one of {', '.join(MODES)}")
+        if self.zenoh != "off":
+            self.bus()  # are its settings possible?
+
+    def bus(self) -> BusConfig:
+        """Return how the bus of streams is reached.
+
+        Raises
+        ------
+        ConfigurationError
+            If an endpoint is none, a file is missing, or settings contradict each other.
+        """
+        password = None
+        if self.zenoh_password_file is not None:
+            try:
+                password = self.zenoh_password_file.read_text(encoding="utf-8").strip()
+            except (OSError, ValueError) as error:
+                raise ConfigurationError(
+                    f"--zenoh-password-file: {self.zenoh_password_file} cannot be read: {error}"
+                ) from error
+        return BusConfig(
+            mode=self.zenoh,
+            listen=() if self.zenoh == "client" else self.zenoh_listen,
+            connect=self.zenoh_connect,
+            ca=self.zenoh_ca,
+            certificate=self.zenoh_certificate,
+            key=self.zenoh_key,
+            mutual_tls=self.zenoh_mutual_tls,
+            user=self.zenoh_user,
+            password=password,
+            users_file=self.zenoh_users,
+            max_message=(self.max_payload + 1) * MIB,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +206,13 @@ def _value(name: str, value: Any, where: str) -> Any:
     try:
         if typing.get_origin(hint) is tuple:
             parts = value.split(",") if isinstance(value, str) else value
-            return tuple(Path(part) for part in parts if str(part))
+            kind = typing.get_args(hint)[0]
+            return tuple(kind(str(part).strip()) for part in parts if str(part).strip())
+        if hint is bool and isinstance(value, str):
+            return _TRUTH[value.strip().lower()]
         return hint(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, KeyError) as error:
         raise ConfigurationError(f"{where}: {value!r} is not a {hint.__name__}") from error
+
+
+_TRUTH = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}

@@ -11,6 +11,8 @@ from prometheus_client.registry import Collector
 
 from service.scheduler import Scheduler
 from service.store import Store
+from service.streams.numbers import StreamCollector
+from service.streams.streams import Streams
 
 
 class Metrics:
@@ -34,6 +36,10 @@ class Metrics:
     def watch(self, store: Store, scheduler: Scheduler) -> None:
         """Add the jobs of the store and the workers."""
         self.registry.register(_Jobs(store, scheduler))
+
+    def watch_streams(self, streams: Streams) -> None:
+        """Add the streams."""
+        self.registry.register(StreamCollector(streams))
 
     def of_worker(self, kind: str, data: dict[str, Any]) -> None:
         """Count what a worker said."""

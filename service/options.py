@@ -96,6 +96,9 @@ def _metavar(item: dataclasses.Field) -> str:
         "views": "ID,ID,...", "left": "ID", "right": "ID", "frames": "A:B", "output": "FILE",
         "report": "FILE", "frames_dir": "FOLDER", "debug_dir": "FOLDER", "codec": "NAME",
         "host": "ADDRESS", "data": "FOLDER", "roots": "FOLDER,...", "token_file": "FILE",
+        "zenoh_listen": "ENDPOINT,...", "zenoh_connect": "ENDPOINT,...", "zenoh_ca": "FILE",
+        "zenoh_certificate": "FILE", "zenoh_key": "FILE", "zenoh_users": "FILE",
+        "zenoh_user": "NAME", "zenoh_password_file": "FILE",
     }  # fmt: skip
     return kinds.get(item.name, "N")
 
@@ -107,5 +110,8 @@ def _help(item: dataclasses.Field) -> str:
         text += f" [{unit}]"
     unsaid = item.default is None or item.default is False or item.default == FrameRange()
     if not unsaid and "(default" not in text:
-        text += f" (default: {item.default})"
+        shown = (
+            ",".join(map(str, item.default)) if isinstance(item.default, tuple) else item.default
+        )
+        text += f" (default: {shown or 'none'})"
     return text.replace("%", "%%")

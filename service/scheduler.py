@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-import os
 import shutil
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from service.child import environment
 from service.config import MIB, ServiceConfig
 from service.http.problems import problem
 from service.jobs.states import Action, State, TransitionError
@@ -252,7 +252,7 @@ class _Worker:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "service.worker_process"],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors,
-                text=True, encoding="utf-8", env=_environment(), start_new_session=True,
+                text=True, encoding="utf-8", env=environment(), start_new_session=True,
             )  # fmt: skip
         log.info("worker started", extra={"job": record.id, "attempt": record.attempt})
         with self._process as process:
@@ -339,13 +339,3 @@ def sweep(store: Store) -> None:
 def job_folder(data: Path, job_id: str) -> Path:
     """Return the folder of a job's input, results and log."""
     return data / "jobs" / job_id
-
-
-def _environment() -> dict[str, str]:
-    """Return the environment of a worker: ours without anything of the service's."""
-    kept = {"DEPTHSR_CACHE"}
-    return {
-        name: value
-        for name, value in os.environ.items()
-        if not name.startswith("DEPTHSR_") or name in kept
-    }

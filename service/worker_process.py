@@ -11,18 +11,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
-import resource
 import signal
 import sys
-import threading
-import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
 
-BEAT = 1.0
-"""Seconds between two signs of life."""
+from service.child import Voice, begin, limit_memory, take_stdout
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,31 +36,12 @@ class WorkOrder:
     max_frames: int = 100_000
 
 
-class Voice:
-    """Writes lines to the service; whole ones, from any thread."""
-
-    def __init__(self, stream: IO[str]) -> None:
-        self._stream = stream
-        self._lock = threading.Lock()
-
-    def say(self, event: str, **data: Any) -> None:
-        """Write one line; a service that is gone ends the process."""
-        try:
-            with self._lock:
-                self._stream.write(json.dumps({"event": event, **data}) + "\n")
-                self._stream.flush()
-        except OSError:
-            os._exit(1)
-
-
 def main() -> int:
     """Do the job that stdin orders."""
-    voice = Voice(os.fdopen(os.dup(1), "w", encoding="utf-8"))
-    os.dup2(2, 1)  # whatever prints must not speak to the service
+    voice = take_stdout()
     order = WorkOrder(**json.loads(sys.stdin.readline()))
-    _limit(order.memory)
-    threading.Thread(target=_listen, daemon=True).start()
-    threading.Thread(target=_beat, args=(voice,), daemon=True).start()
+    limit_memory(order.memory)
+    begin(voice)
 
     from service.numba_cache import prepare_numba_cache
 
@@ -154,30 +130,11 @@ def _kind(error: Exception) -> str:
     return str(getattr(error, "code", "internal"))
 
 
-def _limit(memory: int) -> None:
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    if memory:
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-
-
 def _wait_for(lock: IO[str]) -> None:
     """Wait until an earlier worker of the job is gone; the watchdog bounds the wait."""
     import fcntl
 
     fcntl.flock(lock, fcntl.LOCK_EX)
-
-
-def _listen() -> None:
-    for line in sys.stdin:
-        if line.strip() == "stop":
-            os.kill(os.getpid(), signal.SIGTERM)
-    os._exit(1)
-
-
-def _beat(voice: Voice) -> None:
-    while True:
-        time.sleep(BEAT)
-        voice.say("beat")
 
 
 if __name__ == "__main__":

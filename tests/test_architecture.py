@@ -77,16 +77,26 @@ def test_arrows_point_one_way(room, forbidden):
     assert _offenders(room, *forbidden) == []
 
 
-def test_av_is_behind_four_doors():
-    """Reading, files, the live encoder, whose frames never wait, and clips without any loss."""
+def test_av_is_behind_five_doors():
+    """Reading, files, live encoding, live files, and clips without any loss."""
     users = {
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
         for path in _files(package)
         if any(name.split(".")[0] == "av" for name in _imports(path))
     }
-    doors = ("decode", "encode", "live_encode", "lossless")
+    doors = ("decode", "encode", "live_encode", "live_file", "lossless")
     assert users == {f"pipeline/media/{door}.py" for door in doors}
+
+
+def test_zenoh_is_behind_one_door():
+    users = {
+        path.relative_to(ROOT).as_posix()
+        for package in PACKAGES
+        for path in _files(package)
+        if any(name.split(".")[0] == "zenoh" for name in _imports(path))
+    }
+    assert users == {"service/bus/zenoh_bus.py"}
 
 
 @pytest.mark.parametrize(

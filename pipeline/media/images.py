@@ -71,7 +71,7 @@ def read_header(path: Path) -> ImageHeader:
         If the file is missing, of no known kind, or its header is damaged.
     """
     head = _bytes_of(path, HEADER_BYTES)
-    kind = _kind(head, path)
+    kind = image_kind(head, path)
     try:
         if kind == "png":
             return _png_header(head)
@@ -116,8 +116,15 @@ def read_image(path: Path) -> StoredImage:
     SceneError
         If the file is missing, of no known kind, cut short or damaged.
     """
-    data = _bytes_of(path)
-    kind = _kind(data, path)
+    return decode_image(_bytes_of(path), path)
+
+
+def decode_image(data: bytes, path: Path) -> StoredImage:
+    """Return the samples of an image file's bytes; see :func:`read_image`.
+
+    ``path`` is what errors call it.
+    """
+    kind = image_kind(data, path)
     try:
         if kind == "pnm":
             return _read_pnm(data)
@@ -151,7 +158,33 @@ def _bytes_of(path: Path, limit: int = -1) -> bytes:
         raise SceneError(f"cannot be read: {error.strerror}", path=path) from error
 
 
-def _kind(data: bytes, path: Path) -> str:
+def declared_header(data: bytes, path: Path) -> ImageHeader:
+    """Return what the bytes of a whole PNG or JPEG file say of it; nothing is decoded.
+
+    Raises
+    ------
+    SceneError
+        If it is neither, or its header is damaged.
+    """
+    kind = image_kind(data, path)
+    try:
+        if kind == "png":
+            return _png_header(data)
+        if kind == "jpeg":
+            return _jpeg_header(data)
+    except (_Damaged, struct.error, IndexError) as error:
+        raise SceneError(_reason(error, kind), path=path) from error
+    raise SceneError(f"{kind.upper()}: send PNG or JPEG", path=path)
+
+
+def image_kind(data: bytes, path: Path) -> str:
+    """Return what an image file is by its first bytes: png, jpeg, pnm, pfm or tiff.
+
+    Raises
+    ------
+    SceneError
+        If it is none of these.
+    """
     if data.startswith(b"\x89PNG\r\n\x1a\n"):
         return "png"
     if data.startswith(b"\xff\xd8\xff"):

@@ -289,6 +289,17 @@ def read_manifest(path: Path) -> SceneDescription:
             raw = file.read(MAX_MANIFEST_BYTES + 1)
     except OSError as error:
         raise SceneError(f"cannot be read: {error.strerror}", path=path) from error
+    return parse_manifest(read_json(raw, path), path)
+
+
+def read_json(raw: bytes, path: Path) -> Any:
+    """Return the content of a manifest as plain values.
+
+    Raises
+    ------
+    SceneError
+        If it is too long, no JSON, or has a key twice.
+    """
     if len(raw) > MAX_MANIFEST_BYTES:
         raise SceneError(f"longer than {MAX_MANIFEST_BYTES >> 20} MiB", path=path)
     try:
@@ -300,6 +311,11 @@ def read_manifest(path: Path) -> SceneDescription:
         json.dumps(content, ensure_ascii=False).encode("utf-8")  # no half characters
     except (ValueError, RecursionError) as error:
         raise SceneError(f"not JSON as it should be: {error}", path=path) from error
+    return content
+
+
+def parse_manifest(content: Any, path: Path) -> SceneDescription:
+    """Return the scene of a manifest's plain values; ``path`` is where it lies, or its name."""
     return _Parser(path).scene(content)
 
 

@@ -31,7 +31,7 @@ async def healthz() -> Health:
 
 @router.get("/readyz", responses=responses(503))
 def readyz(request: Request) -> Health:
-    """Answer 503 where jobs could not be worked on now; needs no token."""
+    """Answer 503 where jobs or streams could not be worked on now; needs no token."""
     state = request.app.state
     if state.notices.stopping:
         raise ProblemError("unavailable", "the service is stopping")
@@ -43,6 +43,8 @@ def readyz(request: Request) -> Health:
         raise ProblemError("unavailable", "the database cannot be written") from None
     if shutil.disk_usage(state.config.data).free < state.config.disk_reserve * MIB:
         raise ProblemError("unavailable", "the disk is nearly full")
+    if state.streams.is_on and state.streams.problem:
+        raise ProblemError("unavailable", f"streams: {state.streams.problem}")
     return Health()
 
 

@@ -58,7 +58,7 @@ KINDS = {
     "configuration-error": Kind(422, "A setting is out of range, or contradicts another"),
     "scene-error": Kind(422, "The scene cannot be read"),
     "key-reused": Kind(422, "The idempotency key belongs to another request"),
-    "too-many": Kind(429, "Too many unfinished jobs"),
+    "too-many": Kind(429, "Too many unfinished jobs, or streams"),
     "internal": Kind(500, "The service has a fault"),
     "output-error": Kind(507, "The result cannot be written"),
     "disk-full": Kind(507, "No space is left for this"),

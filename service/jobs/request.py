@@ -27,7 +27,7 @@ MAX_NAME = 200
 """Longest name of an uploaded file, characters."""
 
 
-def _model(name: str, kind: type, *, leave_out: tuple[str, ...] = (), **more: Any) -> Any:
+def fields_model(name: str, kind: type, *, leave_out: tuple[str, ...] = (), **more: Any) -> Any:
     """Return a pydantic model of the fields of a settings dataclass."""
     hints = typing.get_type_hints(kind)
     fields: dict[str, Any] = {}
@@ -54,9 +54,9 @@ def _model(name: str, kind: type, *, leave_out: tuple[str, ...] = (), **more: An
     return create_model(name, __config__=config, __doc__=kind.__doc__, **fields, **more)
 
 
-SettingsModel = _model("Settings", Settings)
-InputModel = _model("Input", InputOptions)
-OutputModel = _model(
+SettingsModel = fields_model("Settings", Settings)
+InputModel = fields_model("Input", InputOptions)
+OutputModel = fields_model(
     "Output",
     OutputOptions,
     leave_out=OURS,

@@ -33,7 +33,7 @@ class LiveService:
                     "--data", str(self.data), *self.options,
                 ],
                 stdout=subprocess.PIPE, stderr=log, text=True,
-                env={**os.environ, **self.environment},
+                env={**os.environ, "DEPTHSR_ZENOH": "off", **self.environment},
             )  # fmt: skip
         assert self.process.stdout is not None
         said = self.process.stdout.readline()
@@ -86,6 +86,7 @@ def live_service(
 ) -> Iterator[LiveService]:
     """One service for all tests that leave it well."""
     folder = tmp_path_factory.mktemp("live")
-    service = LiveService(folder / "data", ("--roots", str(tiny_scene.parent))).start()
+    options = ("--roots", str(tiny_scene.parent), "--zenoh-listen", "tcp/127.0.0.1:0")
+    service = LiveService(folder / "data", options, {"DEPTHSR_ZENOH": "router"}).start()
     yield service
     assert service.end() in (0, -signal.SIGTERM)

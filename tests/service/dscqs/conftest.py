@@ -40,7 +40,9 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """One service for all tests; each makes tests of its own."""
     folder = tmp_path_factory.mktemp("served")
     (folder / "roots").mkdir()
-    app = create_app(ServiceConfig(data=folder / "data", workers=0, roots=(folder / "roots",)))
+    app = create_app(
+        ServiceConfig(data=folder / "data", workers=0, roots=(folder / "roots",), zenoh="off")
+    )
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None, ws="none"))
     thread = threading.Thread(target=server.run)
     thread.start()

@@ -1,0 +1,68 @@
+"""How a bus is reached: mode, endpoints, certificates, passwords."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.config import setting
+from pipeline.errors import ConfigurationError
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+MODES = ("router", "peer", "client", "off")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusConfig:
+    """Everything a connection can be told; nothing is looked for by multicast."""
+
+    mode: str = setting("client", "part to play", choices=MODES[:3])
+    listen: tuple[str, ...] = setting((), "endpoints to listen on")
+    connect: tuple[str, ...] = setting((), "endpoints to connect to")
+    ca: Path | None = setting(None, "certificate of the authority that others' are signed by")
+    certificate: Path | None = setting(None, "our certificate (PEM)")
+    key: Path | None = setting(None, "private key of our certificate (PEM)")
+    mutual_tls: bool = setting(False, "take only those who show a certificate of the authority")
+    user: str | None = setting(None, "name to give when connecting")
+    password: str | None = setting(None, "password to give when connecting")
+    users_file: Path | None = setting(None, "who may connect: NAME:PASSWORD a line")
+    max_message: int = setting(64 << 20, "largest message taken", unit="bytes")
+
+    def __post_init__(self) -> None:
+        for name in ("listen", "connect"):
+            for endpoint in getattr(self, name):
+                check_endpoint(endpoint)
+        if (self.certificate is None) != (self.key is None):
+            raise ConfigurationError("a certificate and its key: name both, or neither")
+        if self.mode == "client" and not self.connect:
+            raise ConfigurationError("a zenoh client needs an endpoint to connect to")
+        for path in (self.ca, self.certificate, self.key, self.users_file):
+            if path is not None and not path.is_file():
+                raise ConfigurationError(f"{path}: there is no such file")
+
+
+def check_endpoint(endpoint: str) -> None:
+    """Refuse what is no endpoint.
+
+    >>> check_endpoint("tcp/127.0.0.1:7447")
+    """
+    kind, slash, address = endpoint.partition("/")
+    kinds = ("tcp", "tls", "quic", "ws", "unixsock-stream")
+    if kind not in kinds or not slash or not address:
+        raise ConfigurationError(
+            f"{endpoint!r} is no endpoint: write KIND/ADDRESS, such as {DEFAULT_ENDPOINT}; "
+            f"kinds are {', '.join(kinds)}"
+        )
+
+
+def is_open_to_others(endpoint: str) -> bool:
+    """Tell whether others than this machine reach an endpoint that is listened on.
+
+    >>> is_open_to_others("tcp/127.0.0.1:7447"), is_open_to_others("tcp/0.0.0.0:7447")
+    (False, True)
+    """
+    kind, _, address = endpoint.partition("/")
+    if kind == "unixsock-stream":
+        return False
+    host = address.rpartition(":")[0].strip("[]")
+    return not (host == "localhost" or host == "::1" or host.startswith("127."))

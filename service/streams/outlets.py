@@ -1,0 +1,240 @@
+"""A stream's pictures on their way out: H.264, JPEG, and what late joiners ask for."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import partial
+from typing import Any
+
+from pipeline.media.jpeg import encode_jpeg
+from pipeline.media.live_encode import LiveEncoder
+from pipeline.stereo import Picture, StereoLayout, pack
+from service.bus import keys
+from service.bus.bus import H264, JPEG, Answer, Bus, Question
+from service.bus.keys import Output
+from service.streams.messages import OutputHeader
+
+KEY_INTERVAL = 1.0
+"""A key frame at least this often, seconds."""
+
+MAX_GROUP_BYTES = 32 << 20
+"""Of the access units since the last key frame that are kept for late joiners."""
+
+STILL_INTERVAL = 0.2
+"""Stills for browsers at most this often, seconds."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FinishedFrame:
+    """One super-resolved frame, ready to be shown."""
+
+    left: Picture
+    """(H, W, 3) or (H, W), uint8."""
+    right: Picture
+    frame_index: int
+    position: int
+    capture_time_ns: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sent:
+    """What sending one frame took."""
+
+    seconds: Mapping[str, float]
+    """By stage: pack, encode, publish."""
+    bytes: int
+    """Of the access units."""
+    size: tuple[int, int]
+    """(width, height) of both eyes side by side."""
+
+
+class Outlets:
+    """All outputs of one stream.
+
+    Parameters
+    ----------
+    bus : Bus
+    stream : str
+    run : int
+        Which worker this is, for the headers.
+    fps : Fraction
+        Of the source.
+    quality, jpeg_quality : int
+        See :class:`service.streams.options.StreamOptions`.
+    to_service : callable
+        Takes (kind, bytes) for browsers: ``mp4`` as they come, ``jpeg`` now and then.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        stream: str,
+        *,
+        run: int,
+        fps: Fraction,
+        quality: int,
+        jpeg_quality: int,
+        to_service: Callable[[str, bytes], None] = lambda kind, data: None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._bus, self._stream, self._run = bus, stream, run
+        self._fps, self._quality, self._jpeg_quality = fps, quality, jpeg_quality
+        self._to_service = to_service
+        self._clock = clock
+        self._encoder: LiveEncoder | None = None
+        self._shape: tuple[int, ...] = ()
+        self._last_key = self._last_still = -1e9
+        self._lock = threading.Lock()
+        self._sequences = dict.fromkeys(Output, 0)
+        self._group: deque[tuple[OutputHeader, bytes]] = deque()
+        self._eyes: FinishedFrame | None = None
+        self._publishers = {
+            which: bus.publisher(
+                keys.output(stream, which),
+                encoding=H264 if which is Output.SBS else JPEG,
+                urgent=True,
+            )
+            for which in Output
+        }
+        for which in Output:
+            key = keys.output(stream, which)
+            bus.answer(key, partial(self._answer, which))
+
+    def send(self, frame: FinishedFrame) -> Sent:
+        """Encode and publish one frame; return what it took."""
+        begin = self._clock()
+        both = pack(frame.left, frame.right, StereoLayout.SBS, multiple=2)
+        packed = self._clock()
+        is_key = packed - self._last_key >= KEY_INTERVAL
+        encoder = self._encoder_for(both)
+        units = encoder.encode(both, frame.position, key=is_key)
+        encoded = self._clock()
+        height, width = both.shape[:2]
+        size = 0
+        for unit in units:
+            header = self._header(Output.SBS, frame, (width, height), key=unit.is_key)
+            with self._lock:
+                self._eyes = frame
+                self._remember(header, unit.annex_b)
+            self._publishers[Output.SBS].put(unit.annex_b, header.encoded())
+            size += len(unit.annex_b)
+            if unit.is_key:
+                self._last_key = packed
+        self._to_service("mp4", encoder.take_mp4())
+        self._send_stills(frame, both)
+        seconds = {
+            "pack": packed - begin,
+            "encode": encoded - packed,
+            "publish": self._clock() - encoded,
+        }
+        return Sent(seconds=seconds, bytes=size, size=(width, height))
+
+    def close(self) -> None:
+        """Finish the video; the bus is the caller's to close."""
+        if self._encoder is not None:
+            self._encoder.close()
+            self._to_service("mp4", self._encoder.take_mp4())
+            self._encoder = None
+
+    def _encoder_for(self, picture: Picture) -> LiveEncoder:
+        """Return the encoder; a new one where the picture's shape is new."""
+        if self._encoder is None or picture.shape != self._shape:
+            self.close()
+            self._encoder = LiveEncoder(fps=self._fps, layout=StereoLayout.SBS, crf=self._quality)
+            self._shape = picture.shape
+        return self._encoder
+
+    def _send_stills(self, frame: FinishedFrame, both: Picture) -> None:
+        pictures: dict[Output, Callable[[], Picture]] = {
+            Output.SBS_JPEG: lambda: both,
+            Output.LEFT: lambda: frame.left,
+            Output.RIGHT: lambda: frame.right,
+        }
+        still = b""
+        for which, picture in pictures.items():
+            if not self._publishers[which].has_subscribers:
+                continue
+            shown = picture()
+            data = encode_jpeg(shown, quality=self._jpeg_quality)
+            still = data if which is Output.SBS_JPEG else still
+            header = self._header(which, frame, (shown.shape[1], shown.shape[0]))
+            self._publishers[which].put(data, header.encoded())
+        now = self._clock()
+        if now - self._last_still >= STILL_INTERVAL:
+            self._last_still = now
+            self._to_service("jpeg", still or encode_jpeg(both, quality=self._jpeg_quality))
+
+    def _header(
+        self, which: Output, frame: FinishedFrame, size: tuple[int, int], *, key: bool = True
+    ) -> OutputHeader:
+        sequence = self._sequences[which]
+        self._sequences[which] += 1
+        layouts = {Output.LEFT: "left", Output.RIGHT: "right"}
+        return OutputHeader(
+            sequence=sequence,
+            run=self._run,
+            frame_index=frame.frame_index,
+            position=frame.position,
+            capture_time_ns=frame.capture_time_ns,
+            published_time_ns=time.time_ns(),
+            fps=f"{self._fps.numerator}/{self._fps.denominator}",
+            width=size[0],
+            height=size[1],
+            layout=layouts.get(which, "sbs"),
+            key=key,
+        )
+
+    def _remember(self, header: OutputHeader, data: bytes) -> None:
+        """Keep what a late joiner needs: the last key frame and what follows."""
+        if header.key:
+            self._group.clear()
+        self._group.append((header, data))
+        if sum(len(kept) for _, kept in self._group) > MAX_GROUP_BYTES:
+            self._group.clear()  # the next key frame is a second away
+
+    def _answer(self, which: Output, question: Question) -> Iterable[Answer]:
+        """Answer with the newest picture; of the video, with all since its last key frame."""
+        key = keys.output(self._stream, which)
+        with self._lock:
+            group, frame = list(self._group), self._eyes
+        if not group or frame is None:
+            return
+        if which is Output.SBS:
+            said = json.loads(group[-1][0].encoded())
+            said |= {
+                "key": True,
+                "units": [{**_that_differ(header), "size": len(data)} for header, data in group],
+            }
+            data = b"".join(unit for _, unit in group)
+            yield Answer(key=key, payload=data, encoding=H264, attachment=json.dumps(said).encode())
+            return
+        eyes = {Output.LEFT: frame.left, Output.RIGHT: frame.right}
+        shown = eyes.get(which)
+        if shown is None:
+            shown = pack(frame.left, frame.right, StereoLayout.SBS, multiple=2)
+        header = replace(
+            group[-1][0],
+            sequence=max(0, self._sequences[which] - 1),
+            width=shown.shape[1],
+            height=shown.shape[0],
+            layout={Output.LEFT: "left", Output.RIGHT: "right"}.get(which, "sbs"),
+            key=True,
+        )
+        yield Answer(
+            key=key,
+            payload=encode_jpeg(shown, quality=self._jpeg_quality),
+            encoding=JPEG,
+            attachment=header.encoded(),
+        )
+
+
+def _that_differ(header: OutputHeader) -> dict[str, Any]:
+    """Return what an access unit does not share with the others of its group."""
+    names = ("sequence", "frame_index", "position", "capture_time_ns", "published_time_ns", "key")
+    return {name: getattr(header, name) for name in names}

@@ -1,0 +1,357 @@
+"""One stream at work: frames from the intake, super-resolved, out through the outlets.
+
+Runs in the stream's worker process. What a source sends is decoded here and
+nowhere else.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from pipeline.colour import to_grey, to_rgb
+from pipeline.config import Settings
+from pipeline.errors import Interrupted, PipelineError, SceneError
+from pipeline.frames import MultiViewFrame
+from pipeline.media.live_frames import LiveFrames
+from pipeline.media.live_manifest import LiveManifest
+from pipeline.results import FrameResult, SuperResolvedImage
+from pipeline.stereo import Picture
+from pipeline.worker import Worker
+from service.bus import keys
+from service.bus.bus import JSON, Bus, Question, answer_json
+from service.bus.keys import Part
+from service.streams.assembly import AssembledFrame, Expected, named
+from service.streams.intake import Intake
+from service.streams.latency import Latency, Rate
+from service.streams.options import Rule, StreamOptions
+from service.streams.outlets import FinishedFrame, Outlets
+
+KEEP_HISTORY = 100
+"""Frames whose account is kept for those who ask."""
+
+STATUS_INTERVAL = 1.0
+"""Seconds between two messages of how it goes."""
+
+QUIET = 3.0
+"""Silence after which a stream counts as idle, seconds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What a source may do."""
+
+    max_pixels: int = 1 << 25
+    max_payload: int = 64 << 20
+    """Bytes of one picture."""
+    max_rate: float = 60.0
+    """Frames a second."""
+
+
+@dataclass(kw_only=True)
+class Progress:
+    """What a session has done so far."""
+
+    frames_done: int = 0
+    frames_failed: int = 0
+    """That could not be decoded or computed."""
+    pictures_refused: int = 0
+    bytes_out: int = 0
+    size: tuple[int, int] | None = None
+    """(width, height) of both eyes side by side."""
+    problem: str = ""
+    """The last thing that went wrong."""
+    arrivals: Rate = field(default_factory=Rate)
+    departures: Rate = field(default_factory=Rate)
+
+
+class StreamSession:
+    """One stream, from its manifest on.
+
+    Parameters
+    ----------
+    bus : Bus
+        Where the source and the subscribers are; the caller closes it.
+    stream : str
+    manifest : LiveManifest
+    settings : Settings
+        Of the method.
+    options : StreamOptions
+    limits : Limits
+    run : int
+        Which worker of this stream this is, from 1.
+    to_service : callable
+        Takes (kind, bytes) for browsers.
+    on_status : callable
+        Told how it goes, once a second.
+    clock, wall : callable
+        Monotonic seconds; nanoseconds since the epoch.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        stream: str,
+        manifest: LiveManifest,
+        *,
+        settings: Settings,
+        options: StreamOptions,
+        limits: Limits,
+        run: int = 1,
+        to_service: Callable[[str, bytes], None] = lambda kind, data: None,
+        on_status: Callable[[dict[str, Any]], None] = lambda status: None,
+        clock: Callable[[], float] = time.monotonic,
+        wall: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self.stream, self.manifest = stream, manifest
+        self.settings, self.options = settings, options
+        self._bus, self._run = bus, run
+        self._clock, self._wall = clock, wall
+        self._on_status = on_status
+        self._frames = LiveFrames(manifest, max_pixels=limits.max_pixels)
+        self._latency = Latency()
+        self._history: deque[dict[str, Any]] = deque(maxlen=KEEP_HISTORY)
+        self._progress = Progress()
+        self._began = clock()
+        self._stopping = threading.Event()
+        self._worker = Worker(settings, targets=manifest.pair, stop=self._stopping.is_set)
+        self._capture_delay: float | None = None
+        self._expected = expected_of(manifest, options, limits)
+        self.intake = Intake(
+            self._expected, max_payload=limits.max_payload, max_rate=limits.max_rate, clock=clock
+        )
+        self._outlets = Outlets(
+            bus,
+            stream,
+            run=run,
+            fps=manifest.fps,
+            quality=options.quality,
+            jpeg_quality=options.jpeg_quality,
+            to_service=to_service,
+            clock=clock,
+        )
+        self._status_out = bus.publisher(keys.status(stream), encoding=JSON)
+        key = keys.status(stream)
+        bus.answer(key, answer_json(key, lambda question: self.status()))
+        key = keys.info(stream)
+        bus.answer(key, answer_json(key, lambda question: self.info()))
+        key = keys.history(stream)
+        bus.answer(key, answer_json(key, self._asked_history))
+
+    def run(self) -> None:
+        """Work until :meth:`stop`."""
+        self._bus.live(keys.alive(self.stream))
+        self._bus.subscribe(keys.inputs(self.stream), self.intake.hear)
+        teller = threading.Thread(target=self._tell, name="depthsr-status", daemon=True)
+        teller.start()
+        try:
+            while not self._stopping.is_set():
+                frame = self.intake.take(0.5)
+                if frame is not None:
+                    self._work(frame)
+        finally:
+            self._stopping.set()
+            teller.join(2 * STATUS_INTERVAL)
+            self._outlets.close()
+            self._say()
+
+    def stop(self) -> None:
+        """End after the frame at work."""
+        self._stopping.set()
+        self.intake.wake()
+
+    @property
+    def state(self) -> str:
+        """``starting`` before the first result, ``idle`` when nothing comes, else ``live``."""
+        if self._stopping.is_set():
+            return "stopping"
+        heard = self.intake.last_heard
+        if heard is None or self._clock() - heard > QUIET:
+            return "idle"
+        return "live" if self._progress.frames_done else "starting"
+
+    def status(self) -> dict[str, Any]:
+        """Return how it goes: state, rates, counts, latency."""
+        now = self._clock()
+        progress = self._progress
+        counts = self.intake.counts()
+        heard = self.intake.last_heard
+        return {
+            "stream": self.stream,
+            "run": self._run,
+            "state": self.state,
+            "time_ns": self._wall(),
+            "uptime_s": round(now - self._began, 1),
+            "silent_s": None if heard is None else round(now - heard, 1),
+            "fps_in": progress.arrivals.value(now),
+            "fps_out": progress.departures.value(now),
+            "frames_done": progress.frames_done,
+            "frames_failed": progress.frames_failed,
+            "pictures_refused": progress.pictures_refused,
+            "bytes_out": progress.bytes_out,
+            "width": None if progress.size is None else progress.size[0],
+            "height": None if progress.size is None else progress.size[1],
+            "counts": counts,
+            "latency": self._latency.summary(),
+            "capture_to_arrival_ms": self._capture_delay,
+            "problem": progress.problem or None,
+            "last_malformed": self.intake.last_wrong or None,
+        }
+
+    def info(self) -> dict[str, Any]:
+        """Return what the stream is."""
+        size = self._progress.size
+        left, right = self.manifest.pair
+        return {
+            "stream": self.stream,
+            "run": self._run,
+            "manifest": self.manifest.content,
+            "fps": f"{self.manifest.fps.numerator}/{self.manifest.fps.denominator}",
+            "left": left,
+            "right": right,
+            "width": None if size is None else size[0],
+            "height": None if size is None else size[1],
+            "layout": "sbs",
+            "magnification": self.settings.magnification,
+            "outputs": {str(which): keys.output(self.stream, which) for which in keys.Output},
+            "status": keys.status(self.stream),
+            "history": keys.history(self.stream),
+        }
+
+    def _asked_history(self, question: Question) -> list[dict[str, Any]]:
+        limit = KEEP_HISTORY
+        for item in question.parameters.split(";"):
+            name, _, value = item.partition("=")
+            if name == "limit" and value.isascii() and value.isdigit():
+                limit = min(limit, int(value[:6]))
+        kept = list(self._history)
+        return kept[len(kept) - min(limit, len(kept)) :]
+
+    def _work(self, assembled: AssembledFrame) -> None:
+        progress = self._progress
+        marks = [assembled.last_arrived, self._clock()]
+        progress.arrivals.add(marks[-1])
+        self._capture_delay = round((self._wall() - assembled.capture_time_ns) / 1e6, 1)
+        try:
+            frame = self._decoded(assembled)
+            marks.append(self._clock())
+            result = self._worker.take(frame)
+            marks.append(self._clock())
+            sent = self._outlets.send(self._finished(result, assembled))
+        except Interrupted:
+            return
+        except PipelineError as error:
+            progress.frames_failed += 1
+            progress.problem = str(error)
+            self._account(assembled, {}, problem=str(error))
+            return
+        end = self._clock()
+        seconds = {
+            "wait": marks[1] - marks[0],
+            "decode": marks[2] - marks[1],
+            "superresolve": marks[3] - marks[2],
+            **sent.seconds,
+            "total": end - marks[0],
+        }
+        progress.frames_done += 1
+        progress.bytes_out += sent.bytes
+        progress.size = sent.size
+        progress.departures.add(end)
+        self._latency.add(seconds)
+        self._account(assembled, seconds)
+
+    def _decoded(self, assembled: AssembledFrame) -> MultiViewFrame:
+        """Return the frame; pictures that cannot be used are left out as if they had not come."""
+        color, depth = (
+            {view: item.content for (view, kind), item in assembled.parts.items() if kind is part}
+            for part in Part
+        )
+        decoded, refused = self._frames.decode(color, depth)
+        for item in refused:
+            self._progress.pictures_refused += 1
+            key = keys.input_key(self.stream, item.view_id, Part(item.part))
+            self.intake.refuse(key, item.reason)
+        missing = assembled.missing | {(item.view_id, Part(item.part)) for item in refused}
+        if not self._expected.is_usable(missing):
+            raise SceneError(
+                f"cannot be used: {', '.join(named(frozenset(missing)))}",
+                frame=assembled.frame_index,
+            )
+        return self._frames.frame(assembled.frame_index, decoded)
+
+    def _finished(self, result: FrameResult, assembled: AssembledFrame) -> FinishedFrame:
+        left, right = self.manifest.pair
+        return FinishedFrame(
+            left=_picture(result.images[left]),
+            right=_picture(result.images[right]),
+            frame_index=assembled.frame_index,
+            position=assembled.position,
+            capture_time_ns=assembled.capture_time_ns,
+        )
+
+    def _account(
+        self, assembled: AssembledFrame, seconds: dict[str, float], problem: str | None = None
+    ) -> None:
+        self._history.append(
+            {
+                "frame_index": assembled.frame_index,
+                "position": assembled.position,
+                "capture_time_ns": assembled.capture_time_ns,
+                "assembly_ms": round(1000 * (assembled.last_arrived - assembled.first_arrived), 1),
+                "missing": named(assembled.missing),
+                "stages_ms": {name: round(1000 * value, 1) for name, value in seconds.items()},
+                "problem": problem,
+            }
+        )
+
+    def _tell(self) -> None:
+        while not self._stopping.wait(STATUS_INTERVAL):
+            self._say()
+
+    def _say(self) -> None:
+        status = self.status()
+        self._status_out.put(json.dumps(status).encode())
+        self._on_status(status)
+
+
+def expected_of(manifest: LiveManifest, options: StreamOptions, limits: Limits) -> Expected:
+    """Return what belongs to a frame of this source."""
+    parts = len(manifest.view_ids) + len(manifest.depth_ids)
+    return Expected(
+        color=frozenset(manifest.view_ids),
+        depth=manifest.depth_ids,
+        needed=frozenset(manifest.pair),
+        interval=float(1 / manifest.fps),
+        wait=options.wait,
+        window=options.window,
+        max_bytes=min(512 << 20, parts * limits.max_payload * (options.window + 1)),
+        max_skew=options.max_skew,
+        missing_view=Rule(options.missing_view),
+        missing_depth=Rule(options.missing_depth),
+        skewed=Rule(options.skewed),
+    )
+
+
+def _picture(image: SuperResolvedImage) -> Picture:
+    if image.chroma is None:
+        return to_grey(image.luma, 8)
+    return to_rgb(image.luma, image.chroma, 8)
+
+
+def check_views(manifest: LiveManifest, max_views: int) -> None:
+    """Refuse a source whose views cannot be named on the bus, or are too many.
+
+    Raises
+    ------
+    SceneError
+    """
+    if len(manifest.view_ids) > max_views:
+        raise SceneError(f"views: {len(manifest.view_ids)}; up to {max_views} are taken")
+    for view_id in manifest.view_ids:
+        if not keys.is_view(view_id):
+            raise SceneError("id: cannot stand in a key (no * $ ? # /)", view=view_id)

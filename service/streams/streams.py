@@ -1,0 +1,539 @@
+"""The streams of the service: found on the bus or asked for over HTTP, each with a worker.
+
+One thread looks after all of them; callbacks of the bus only leave it notes. A
+stream that another source calls itself after is the same stream: whoever may
+publish may do that, which is why passwords and certificates exist.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import queue
+import shutil
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from pipeline.config import Settings
+from pipeline.errors import PipelineError
+from pipeline.media.live_manifest import LiveManifest, live_manifest, read_live_manifest
+from pipeline.stereo import StereoLayout
+from service.bus import keys
+from service.bus.bus import JSON, Bus, BusError, Sample, answer_json
+from service.bus.config import BusConfig
+from service.config import MIB, ServiceConfig
+from service.live.broadcast import Broadcast, Broadcasts
+from service.streams.options import StreamOptions
+from service.streams.process import StreamProcess
+from service.streams.session import check_views
+from service.streams.states import Action, State, after
+from service.streams.worker import StreamOrder
+
+log = logging.getLogger(__name__)
+
+TICK = 0.5
+"""Seconds between two looks at the streams."""
+
+RETRY = 2.0
+"""Seconds between two tries to open the bus."""
+
+MAX_MANIFEST = 1 << 20
+"""Longest manifest taken, bytes."""
+
+MAX_LOSSES = 5
+"""Workers that may be lost within :data:`LOSS_TIME` before a stream is given up."""
+
+LOSS_TIME = 60.0
+"""Seconds."""
+
+MAX_BACKOFF = 10.0
+"""Longest wait before a lost worker's successor, seconds."""
+
+FORGET = 3600.0
+"""A stream that a manifest began is forgotten when it has waited so long, seconds."""
+
+FROM_BUS = "zenoh"
+"""Whose streams are that a manifest began."""
+
+
+class StreamRefusedError(PipelineError):
+    """The stream cannot be had now."""
+
+    code = "stream-refused"
+
+
+class TooManyStreamsError(StreamRefusedError):
+    """There are as many streams as the service bears."""
+
+    code = "too-many-streams"
+
+
+class NoSuchStreamError(PipelineError):
+    """There is no stream of that name."""
+
+    code = "no-such-stream"
+
+
+@dataclass(kw_only=True)
+class Stream:
+    """One stream. Changed by :class:`Streams` only, under its lock."""
+
+    id: str
+    client: str
+    settings: dict[str, Any]
+    options: dict[str, Any]
+    created: float
+    state: State = State.WAITING
+    run: int = 0
+    """Workers so far."""
+    manifest: LiveManifest | None = None
+    status: dict[str, Any] = field(default_factory=dict)
+    """What its worker said last."""
+    problem: dict[str, Any] | None = None
+    broadcast: Broadcast | None = None
+    """For browsers; None before the first manifest."""
+    process: StreamProcess | None = None
+    losses: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_LOSSES))
+    begin_at: float = 0.0
+    """When the next worker may be started, monotonic seconds."""
+    since: float = 0.0
+    """When it came to its state, monotonic seconds."""
+
+    def act(self, action: Action) -> None:
+        """Change the state."""
+        state = after(self.state, action)
+        if state is not self.state:
+            log.info("stream %s", state, extra={"stream": self.id, "was": self.state.value})
+            self.since = time.monotonic()
+        self.state = state
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Note:
+    """Something for the thread to see to."""
+
+    stream: str
+    manifest: bytes
+
+
+class Streams:
+    """All streams of one service.
+
+    Parameters
+    ----------
+    config : ServiceConfig
+        Limits, and how the bus is reached.
+    open_bus : callable
+        Makes a bus of its settings.
+    broadcasts : Broadcasts
+        Where browsers watch: each stream as ``streams/<stream>``.
+    on_change : callable
+        Told the id of a stream that has changed.
+    """
+
+    def __init__(
+        self,
+        config: ServiceConfig,
+        *,
+        open_bus: Callable[[BusConfig], Bus],
+        broadcasts: Broadcasts,
+        on_change: Callable[[str], None] = lambda stream: None,
+    ) -> None:
+        self.config = config
+        self._open_bus = open_bus
+        self._broadcasts = broadcasts
+        self._on_change = on_change
+        self._lock = threading.RLock()
+        self._streams: dict[str, Stream] = {}
+        self._notes: queue.Queue[_Note] = queue.Queue(maxsize=64)
+        self._wake = threading.Event()
+        self._closing = False
+        self._bus: Bus | None = None
+        self._private: str | None = None
+        self.refused = 0
+        """Manifests that were not taken."""
+        self.losses = 0
+        """Workers that were lost."""
+        self.problem = "zenoh is not open yet"
+        """Why there is no bus; empty where there is one."""
+        self._thread = threading.Thread(target=self._run, name="depthsr-streams", daemon=True)
+
+    # For the service
+
+    @property
+    def is_on(self) -> bool:
+        """True where there shall be streams."""
+        return self.config.zenoh != "off"
+
+    def start(self) -> None:
+        """Open the bus, now or as soon as it can be had, and listen."""
+        if self.is_on:
+            self._open()
+            self._thread.start()
+
+    def close(self) -> None:
+        """End the workers and leave the bus. Takes at most the grace time and a little."""
+        self._closing = True
+        self._wake.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        with self._lock:
+            processes = [item.process for item in self._streams.values() if item.process]
+        for process in processes:
+            process.stop()
+        deadline = time.monotonic() + self.config.grace
+        for process in processes:
+            process.join(max(0.0, deadline - time.monotonic()))
+            process.kill()
+            process.join(2)
+        if self._bus is not None:
+            self._bus.close()
+        if self._private is not None:
+            shutil.rmtree(self._private, ignore_errors=True)
+
+    def all(self) -> list[Stream]:
+        """Return all streams, newest first."""
+        with self._lock:
+            return sorted(self._streams.values(), key=lambda item: item.created, reverse=True)
+
+    def get(self, stream: str) -> Stream | None:
+        """Return a stream."""
+        with self._lock:
+            return self._streams.get(stream)
+
+    def create(
+        self,
+        stream: str,
+        client: str,
+        *,
+        manifest: Mapping[str, Any] | None = None,
+        settings: Mapping[str, Any] | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> Stream:
+        """Make a stream that waits for its source; begin it where the manifest is given.
+
+        Raises
+        ------
+        StreamRefusedError
+            If there are too many, or it is there and has not been stopped.
+        PipelineError
+            If manifest, settings or options are wrong.
+        """
+        Settings(**self._with_defaults(settings or {}))
+        StreamOptions(**(options or {}))
+        read = None if manifest is None else live_manifest(manifest)
+        if read is not None:
+            check_views(read, self.config.max_views)
+        with self._lock:
+            known = self._streams.get(stream)
+            if known is not None and known.state not in (State.STOPPED, State.FAILED):
+                raise StreamRefusedError(f"{stream}: is there and {known.state}; stop it first")
+            self._check_room(stream)
+            item = Stream(
+                id=stream,
+                client=client,
+                settings=dict(settings or {}),
+                options=dict(options or {}),
+                created=time.time(),
+                run=known.run if known else 0,
+            )
+            self._streams[stream] = item
+            if read is not None:
+                self._begin(item, read)
+        self._on_change(stream)
+        return item
+
+    def stop(self, stream: str) -> Stream:
+        """Stop a stream; its source is not listened to any more."""
+        with self._lock:
+            item = self._streams.get(stream)
+            if item is None:
+                raise NoSuchStreamError(f"{stream}: there is no such stream")
+            item.act(Action.STOP)
+            if item.process is not None:
+                item.process.stop()
+            self._broadcasts.close(watched_as(stream))
+            item.broadcast = None
+        self._publish(item)
+        self._on_change(stream)
+        return item
+
+    def remove(self, stream: str) -> None:
+        """Forget a stream; one that works is stopped first."""
+        with self._lock:
+            self.stop(stream)
+            del self._streams[stream]
+
+    # The thread
+
+    def _run(self) -> None:
+        while not self._closing:
+            self._wake.clear()
+            try:
+                if self._bus is None:
+                    self._open()
+                self._take_notes()
+                self._look()
+            except Exception:
+                log.warning("streams: trying again", exc_info=True)
+            self._wake.wait(TICK if self._bus is not None else RETRY)
+
+    def _open(self) -> None:
+        config = self.config.bus()
+        if config.mode != "client" and self._private is None:
+            self._private = tempfile.mkdtemp(prefix="depthsr-")
+        listen = config.listen
+        if self._private is not None:
+            listen = (*listen, f"unixsock-stream/{self._private}/bus")
+        try:
+            bus = self._open_bus(replace(config, listen=listen))
+        except BusError as error:
+            if self.problem != str(error):
+                log.warning("streams: %s", error)
+            self.problem = str(error)
+            return
+        bus.subscribe(keys.MANIFESTS, self._hear_manifest)
+        bus.answer(keys.SERVICE, answer_json(keys.SERVICE, lambda question: self._listed()))
+        bus.live(keys.SERVICE)
+        self._bus, self.problem = bus, ""
+        where = ", ".join((*getattr(bus, "listening", config.listen)[:len(config.listen)],
+                           *config.connect))  # fmt: skip
+        log.info("streams: zenoh is open", extra={"endpoints": where})
+        for sample in bus.ask(keys.MANIFESTS, timeout=1.0):
+            self._hear_manifest(sample)
+
+    def _listed(self) -> list[dict[str, Any]]:
+        return [
+            {"stream": item.id, "state": item.state.value, "run": item.run} for item in self.all()
+        ]
+
+    def _hear_manifest(self, sample: Sample) -> None:
+        """In a thread of the bus."""
+        stream = keys.parse_manifest(sample.key)
+        if stream is None or sample.size > MAX_MANIFEST:
+            self.refused += 1
+            return
+        try:
+            self._notes.put_nowait(_Note(stream=stream, manifest=sample.read()))
+        except queue.Full:
+            self.refused += 1
+        self._wake.set()
+
+    def _take_notes(self) -> None:
+        while True:
+            try:
+                note = self._notes.get_nowait()
+            except queue.Empty:
+                return
+            try:
+                self._take(note)
+            except PipelineError as error:
+                self.refused += 1
+                log.info("manifest refused: %s", error, extra={"stream": note.stream})
+                self._say_refused(note.stream, error)
+
+    def _take(self, note: _Note) -> None:
+        with self._lock:
+            item = self._streams.get(note.stream)
+            if item is not None and item.state is State.STOPPED:
+                return
+            manifest = read_live_manifest(note.manifest)
+            is_same = (
+                item is not None
+                and item.manifest is not None
+                and item.manifest.content == manifest.content
+            )
+            if item is not None and is_same and item.state is not State.WAITING:
+                return
+            check_views(manifest, self.config.max_views)
+            if item is None:
+                self._check_room(note.stream)
+                item = Stream(
+                    id=note.stream, client=FROM_BUS, settings={}, options={}, created=time.time()
+                )
+                self._streams[note.stream] = item
+            self._begin(item, manifest)
+        self._on_change(note.stream)
+
+    def _check_room(self, stream: str) -> None:
+        busy = [
+            item for item in self._streams.values()
+            if item.id != stream and item.state not in (State.STOPPED, State.FAILED)
+        ]  # fmt: skip
+        if len(busy) >= self.config.max_streams:
+            raise TooManyStreamsError(
+                f"{stream}: {len(busy)} streams are there already; stop one first"
+            )
+
+    def _begin(self, item: Stream, manifest: LiveManifest) -> None:
+        """Let a stream begin with a manifest; the thread starts its worker."""
+        if item.process is not None:
+            item.process.stop()
+        item.manifest, item.problem = manifest, None
+        item.losses.clear()
+        item.begin_at = 0.0
+        if item.broadcast is None or item.broadcast.fps != manifest.fps:
+            item.broadcast = self._broadcasts.open(
+                watched_as(item.id), fps=manifest.fps, layout=StereoLayout.SBS
+            )
+        item.act(Action.BEGIN)
+        self._wake.set()
+
+    def _look(self) -> None:
+        now = time.monotonic()
+        with self._lock:
+            items = list(self._streams.values())
+        for item in items:
+            with self._lock:
+                self._look_after(item, now)
+
+    def _look_after(self, item: Stream, now: float) -> None:
+        process = item.process
+        if process is not None and process.silent_seconds > self.config.lease:
+            log.warning("stream worker hangs: killed", extra={"stream": item.id})
+            process.kill()
+        wants = item.state in (State.STARTING, State.RESTARTING) and process is None
+        if wants and now >= item.begin_at and self._bus is not None:
+            item.act(Action.BEGIN)
+            self._spawn(item)
+        idle = float(item.options.get("idle", StreamOptions().idle))
+        silent = item.status.get("silent_s")
+        if item.state is State.IDLE and process is not None and not process.asked_to_stop:
+            silent = item.status.get("uptime_s", 0.0) if silent is None else silent
+            if silent > idle:
+                item.act(Action.LEAVE)
+                process.stop()
+                self._publish(item)
+        forgotten = item.client == FROM_BUS and now - item.since > FORGET
+        if item.state is State.WAITING and process is None and forgotten:
+            self._streams.pop(item.id, None)
+            self._broadcasts.close(watched_as(item.id))
+
+    def _spawn(self, item: Stream) -> None:
+        assert item.manifest is not None
+        item.run += 1
+        item.status = {}
+        order = StreamOrder(
+            stream=item.id,
+            run=item.run,
+            manifest=item.manifest.content,
+            settings=self._with_defaults(item.settings),
+            options=item.options,
+            bus=_plain(self._workers_bus()),
+            pictures=-1,
+            memory=self.config.worker_memory * MIB,
+            max_pixels=self.config.max_pixels,
+            max_payload=self.config.max_payload * MIB,
+            max_rate=self.config.max_rate,
+        )
+        run = item.run
+        broadcast = item.broadcast
+        assert broadcast is not None
+
+        def pictures(kind: bytes, data: bytes) -> None:
+            if item.run == run:
+                broadcast.feed(data) if kind == b"m" else broadcast.show(data)
+
+        item.process = StreamProcess(
+            order,
+            self.config.data / "streams" / f"{item.id}.log",
+            on_event=lambda kind, data: self._said(item, run, kind, data),
+            on_picture=pictures,
+            on_end=lambda last: self._ended(item, run, last),
+        )
+
+    def _with_defaults(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        given = {"temporal": "warm", **settings}
+        if self.config.worker_threads:
+            given["threads"] = self.config.worker_threads
+        return given
+
+    def _workers_bus(self) -> BusConfig:
+        """Return how our workers reach the bus: by a socket of our own where we listen."""
+        config = self.config.bus()
+        connect = config.connect
+        if self._private is not None:
+            connect = (f"unixsock-stream/{self._private}/bus",)
+        return BusConfig(
+            mode="client", connect=connect, ca=config.ca, certificate=config.certificate,
+            key=config.key, mutual_tls=config.mutual_tls, user=config.user,
+            password=config.password, max_message=config.max_message,
+        )  # fmt: skip
+
+    # Threads of the workers
+
+    def _said(self, item: Stream, run: int, kind: str, data: dict[str, Any]) -> None:
+        with self._lock:
+            if item.run != run or kind != "status":
+                return
+            item.status = data["status"]
+            state = item.status.get("state")
+            if item.state.has_worker and item.process and not item.process.asked_to_stop:
+                if state == "live":
+                    item.act(Action.HEAR)
+                elif state == "idle":
+                    item.act(Action.SILENCE)
+        self._on_change(item.id)
+
+    def _ended(self, item: Stream, run: int, last: dict[str, Any]) -> None:
+        with self._lock:
+            process = item.process
+            if item.run != run or process is None:
+                return
+            item.process = None
+            if not process.asked_to_stop and item.state.has_worker:
+                self._lose(item, last)
+        self._wake.set()
+        self._publish(item)
+        self._on_change(item.id)
+
+    def _lose(self, item: Stream, last: dict[str, Any]) -> None:
+        now = time.monotonic()
+        self.losses += 1
+        item.losses.append(now)
+        item.act(Action.LOSE)
+        often = [at for at in item.losses if now - at < LOSS_TIME]
+        if last.get("event") == "problem":
+            item.problem = {"code": last.get("code"), "detail": last.get("text")}
+        if len(often) >= MAX_LOSSES:
+            item.act(Action.GIVE_UP)
+            said = item.problem["detail"] if item.problem else "its worker died too often"
+            item.problem = {"code": "worker-lost", "detail": said}
+        item.begin_at = now + min(MAX_BACKOFF, 0.25 * 2 ** (len(often) - 1))
+
+    # What the bus is told
+
+    def _publish(self, item: Stream) -> None:
+        """Tell subscribers of a stream without a worker how it is."""
+        said = {"stream": item.id, "run": item.run, "state": item.state.value,
+                "time_ns": time.time_ns(), "problem": item.problem}  # fmt: skip
+        self._put_status(item.id, said)
+
+    def _say_refused(self, stream: str, error: PipelineError) -> None:
+        said = {"stream": stream, "state": "refused", "time_ns": time.time_ns(),
+                "problem": {"code": error.code, "detail": str(error)}}  # fmt: skip
+        self._put_status(stream, said)
+
+    def _put_status(self, stream: str, said: Mapping[str, Any]) -> None:
+        if self._bus is not None:
+            with contextlib.suppress(BusError):
+                self._bus.put(keys.status(stream), json.dumps(said).encode(), encoding=JSON)
+
+
+def watched_as(stream: str) -> str:
+    """Return the name of a stream's broadcast."""
+    return f"streams/{stream}"
+
+
+def _plain(config: BusConfig) -> dict[str, Any]:
+    return {
+        name: str(value) if isinstance(value, Path) else value
+        for name, value in asdict(config).items()
+    }

@@ -1,0 +1,124 @@
+"""What a bus does, whether it is zenoh or its twin in memory."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from service.bus.bus import JPEG, JSON, Answer, Bus, BusError
+from service.bus.config import BusConfig
+from service.bus.memory import MemoryNetwork
+from service.bus.zenoh_bus import ZenohBus
+
+PATIENCE = 20.0
+
+
+def until(check: Callable[[], object]) -> None:
+    """Wait until something is so."""
+    deadline = time.monotonic() + PATIENCE
+    pause = threading.Event()
+    while not check():
+        assert time.monotonic() < deadline, "it never came about"
+        pause.wait(0.02)
+
+
+@pytest.fixture(params=["memory", "zenoh"])
+def buses(request) -> Iterator[tuple[Bus, Bus]]:
+    """Two buses that hear each other."""
+    if request.param == "memory":
+        network = MemoryNetwork()
+        with network.connect() as one, network.connect() as two:
+            yield one, two
+        return
+    with (
+        ZenohBus(BusConfig(mode="router", listen=("tcp/127.0.0.1:0",))) as router,
+        ZenohBus(BusConfig(connect=router.listening)) as one,
+        ZenohBus(BusConfig(connect=router.listening)) as two,
+    ):
+        yield one, two
+
+
+def test_messages_come_in_order_with_all_that_belongs_to_them(buses):
+    one, two = buses
+    got = []
+    two.subscribe("depthsr/*/out/**", lambda item: got.append((item, item.read())))
+    publisher = one.publisher("depthsr/a/out/sbs", encoding=JPEG, urgent=True)
+    until(lambda: publisher.has_subscribers)
+    for number in range(20):
+        publisher.put(bytes([number]) * (number + 1), attachment=b"%d" % number)
+    one.put("depthsr/a/status", b"{}", encoding=JSON)
+    until(lambda: len(got) == 20)
+    assert [item.attachment for item, _ in got] == [b"%d" % number for number in range(20)]
+    assert {(item.key, item.encoding) for item, _ in got} == {("depthsr/a/out/sbs", JPEG)}
+    assert all(data == bytes([n]) * (n + 1) and item.size == n + 1
+               for n, (item, data) in enumerate(got))  # fmt: skip
+
+
+def test_a_subscription_ends(buses):
+    one, two = buses
+    got = []
+    subscription = two.subscribe("depthsr/a/status", lambda item: got.append(item.read()))
+    publisher = one.publisher("depthsr/a/status", encoding=JSON)
+    until(lambda: publisher.has_subscribers)
+    publisher.put(b"1")
+    until(lambda: got == [b"1"])
+    subscription.close()
+    subscription.close()
+    until(lambda: not publisher.has_subscribers)
+    publisher.put(b"2")
+    assert got == [b"1"]
+
+
+def test_questions_are_answered_by_everybody_they_meet(buses):
+    one, two = buses
+
+    def answer(question):
+        yield Answer(
+            key="depthsr/a/info", payload=question.parameters.encode(), encoding=JSON,
+            attachment=b"x",
+        )  # fmt: skip
+
+    assert list(one.ask("depthsr/a/info")) == []
+    two.answer("depthsr/a/info", answer)
+    until(lambda: one.ask("depthsr/a/info"))
+    (found,) = one.ask("depthsr/a/info?limit=3;b=c")
+    assert (found.read(), found.encoding, found.attachment) == (b"limit=3;b=c", JSON, b"x")
+    assert len(one.ask("depthsr/*/info")) == 1
+    assert list(one.ask("depthsr/b/info")) == []
+
+
+def test_who_lives_is_seen_and_missed(buses):
+    one, two = buses
+    token = two.live("depthsr/a/alive")
+    until(lambda: list(one.who_lives("depthsr/*/alive")) == ["depthsr/a/alive"])
+    seen = []
+    one.watch_lives("depthsr/*/alive", lambda key, there: seen.append((key, there)))
+    until(lambda: seen == [("depthsr/a/alive", True)])
+    token.close()
+    until(lambda: seen[-1] == ("depthsr/a/alive", False))
+    assert list(one.who_lives("depthsr/*/alive")) == []
+    two.live("depthsr/@service")
+    until(lambda: one.who_lives("depthsr/@service"))
+    assert list(one.who_lives("depthsr/**")) == []
+
+
+def test_what_a_closed_bus_is_asked_is_an_error(buses):
+    one, _ = buses
+    one.close()
+    one.close()
+    with pytest.raises(BusError):
+        one.put("depthsr/a/status", b"", encoding=JSON)
+
+
+def test_an_endpoint_that_cannot_be_had_is_told_in_one_line():
+    with ZenohBus(BusConfig(mode="router", listen=("tcp/127.0.0.1:0",))) as router:
+        endpoint = router.listening[0]
+        with pytest.raises(BusError, match="in use") as caught:
+            ZenohBus(BusConfig(mode="router", listen=(endpoint,)))
+    assert "\n" not in str(caught.value)
+    assert ".rs" not in str(caught.value)
+    with pytest.raises(BusError, match="Unable to connect"):
+        ZenohBus(BusConfig(connect=(endpoint,)))
