@@ -137,3 +137,19 @@ def test_a_file_of_the_future_is_left_alone(tmp_path):
     db.close()
     with pytest.raises(DscqsError, match="newer depthsr"):
         SqliteSessionStore(tmp_path / "dscqs.sqlite")
+
+
+def test_a_disk_that_is_full_takes_no_vote_and_loses_none(tmp_path):
+    store = SqliteSessionStore(tmp_path / "full.sqlite")
+    store.add_test(TEST)
+    store.add_session(SESSION)
+    store.append("s1", [("joined", {})])
+    pages = store._db.execute("PRAGMA page_count").fetchone()[0]
+    store._db.execute(f"PRAGMA max_page_count = {pages}")
+    with pytest.raises(sqlite3.OperationalError, match="full"):
+        store.append("s1", [("noted", {"detail": "x" * 100_000})])
+    assert [event.name for event in store.events("s1")] == ["joined"]
+    store._db.execute("PRAGMA max_page_count = 100000")
+    store.append("s1", [("noted", {})])
+    assert [event.name for event in store.events("s1")] == ["joined", "noted"]
+    store.close()

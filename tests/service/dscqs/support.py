@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import socket
+import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import numpy as np
+import uvicorn
 
 from pipeline.media.png import encode_png
 from service.dscqs_client import AssessorClient
@@ -56,3 +62,50 @@ def step(client: AssessorClient, state: dict) -> dict:
     client.shown(log={"intervals": [{"what": "A", "late": 0, "dropped": 0}]})
     index = state["index"]
     return client.grade({name: {"A": 50.5 + index, "B": 20.1} for name in dimensions})
+
+
+@dataclass
+class KillableService:
+    """The application in a process of its own that is forked, so that it starts at once."""
+
+    data: Path
+    roots: Path
+    port: int = 0
+    process: BaseProcess | None = None
+
+    def start(self) -> None:
+        if not self.port:
+            with socket.socket() as free:
+                free.bind(("127.0.0.1", 0))
+                self.port = free.getsockname()[1]
+        forks = multiprocessing.get_context("forkserver")
+        forks.set_forkserver_preload(["service.app", "uvicorn"])
+        self.process = forks.Process(target=_serve, args=(self.data, self.roots, self.port))
+        self.process.start()
+        until = time.monotonic() + 60
+        while True:
+            try:
+                with socket.create_connection(("127.0.0.1", self.port), timeout=1):
+                    return
+            except OSError:
+                assert self.process.is_alive()
+                assert time.monotonic() < until
+                time.sleep(0.02)
+
+    def kill(self) -> None:
+        """End it as a crash does: SIGKILL, no goodbye."""
+        assert self.process is not None
+        self.process.kill()
+        self.process.join(60)
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+
+def _serve(data: Path, roots: Path, port: int) -> None:
+    from service.app import create_app
+    from service.config import ServiceConfig
+
+    app = create_app(ServiceConfig(data=data, workers=0, roots=(roots,)))
+    uvicorn.run(app, host="127.0.0.1", port=port, log_config=None, ws="none")
