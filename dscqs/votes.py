@@ -185,14 +185,24 @@ def read_csv(path: Path) -> VoteTable:
     VotesError
         Naming file, line and column.
     """
+    return parse_csv(read_text(path), name=str(path))
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a UTF-8 file, its byte-order mark left out.
+
+    Raises
+    ------
+    VotesError
+        Naming file and line.
+    """
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise VotesError(f"cannot be read: {error.strerror}", path=path) from error
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise VotesError("is not UTF-8 text; save it as UTF-8", path=path, line=line) from error
-    return parse_csv(text, name=str(path))
 
 
 def parse_csv(text: str, *, name: str = "votes") -> VoteTable:

@@ -35,6 +35,11 @@ def _add_analyse(subcommands: Any) -> None:
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="JSON file to write")
     parser.add_argument(
+        "--html", type=Path, metavar="FILE", help="report to write: one HTML file with its plots"
+    )
+    parser.add_argument("--pdf", type=Path, metavar="FILE", help="the same report as PDF")
+    parser.add_argument("--title", help="title of the report (default: name of the votes)")
+    parser.add_argument(
         "--screening", choices=("sample", "population"), default="sample",
         help="standard deviation of the screening: sample (n − 1, the Recommendation) or "
         "population (n, as sureal) (default: sample)",
@@ -47,21 +52,27 @@ def _add_analyse(subcommands: Any) -> None:
 
 
 def _run_analyse(arguments: argparse.Namespace) -> int:
+    from dscqs.exchange.files import read_scores
+    from dscqs.report import html_report, json_report, pdf_report
     from dscqs.statistics.analysis import analyse
-    from dscqs.statistics.document import document
     from dscqs.statistics.screening import Variant
     from dscqs.statistics.text import format_analysis
-    from dscqs.votes import read_csv
     from pipeline.media.files import check_writable, write_atomic
-    from pipeline.report import strict_json, versions
+    from pipeline.report import versions
 
+    for path in (arguments.json, arguments.html, arguments.pdf):
+        if path is not None:
+            check_writable(path)
+    table = read_scores(arguments.votes)
+    variant = Variant(arguments.screening)
+    title = arguments.title or arguments.votes.stem
     if arguments.json is not None:
-        check_writable(arguments.json)
-    table = read_csv(arguments.votes)
-    analyses = analyse(table, Variant(arguments.screening))
-    if arguments.json is not None:
-        content = {**document(analyses), "versions": versions()}
-        write_atomic(arguments.json, strict_json(content).encode())
+        found = json_report(table, variant=variant, more={"versions": versions()})
+        write_atomic(arguments.json, found)
+    if arguments.html is not None:
+        write_atomic(arguments.html, html_report(table, title=title, variant=variant))
+    if arguments.pdf is not None:
+        write_atomic(arguments.pdf, pdf_report(table, title=title, variant=variant))
     if not arguments.quiet:
-        print(format_analysis(analyses))  # noqa: T201
+        print(format_analysis(analyse(table, variant)))  # noqa: T201
     return EXIT_DONE

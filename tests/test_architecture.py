@@ -15,6 +15,7 @@ NUMERIC_ROOMS = (
     "pipeline/registration", "pipeline/reconstruction", "pipeline/grid.py", "pipeline/stereo.py",
     "pipeline/metrics.py", "pipeline/baselines.py", "pipeline/degradation.py",
     "pipeline/colour.py", "pipeline/frames.py", "pipeline/errors.py", "pipeline/noise.py",
+    "dscqs/statistics",
 )  # fmt: skip
 """Arrays in, arrays out: they touch no file, clock, log or environment."""
 
@@ -132,6 +133,23 @@ def test_the_cluster_is_behind_one_door():
         if any(name.split(".")[0] in ("distributed", "dask") for name in _imports(path))
     }
     assert users == {"pipeline/cluster.py"}
+
+
+@pytest.mark.parametrize(
+    ("package", "doors"),
+    [
+        ("matplotlib", {"blocks", "html", "pdf", "plots", "style"}),
+        ("fpdf", {"pdf"}),
+    ],
+)
+def test_plots_and_pdf_are_behind_the_doors_of_the_report(package, doors):
+    users = {
+        path.relative_to(ROOT).as_posix()
+        for room in PACKAGES
+        for path in _files(room)
+        if any(name.split(".")[0] == package for name in _imports(path))
+    }
+    assert users == {f"dscqs/report/{door}.py" for door in doors}
 
 
 @pytest.mark.parametrize("room", NUMERIC_ROOMS)

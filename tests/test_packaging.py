@@ -46,6 +46,7 @@ def test_the_development_lock_extends_the_other():
 def test_every_package_imported_is_declared():
     names = {
         "cv2": "opencv-python-headless",
+        "fpdf": "fpdf2",
         "prometheus_client": "prometheus-client",
         "yaml": "pyyaml",
     }

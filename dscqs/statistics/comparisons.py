@@ -7,7 +7,6 @@ nothing is imputed.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -205,10 +204,14 @@ def _pair(first: str, second: str, differences: NDArray[np.float64]) -> Pair:
 
 
 def _wilcoxon(differences: NDArray[np.float64]) -> float:
-    """Return p of the signed-rank test; exact without ties and zeros, else approximated."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # small samples with ties: the approximation is meant
-        return float(stats.wilcoxon(differences).pvalue)
+    """Return p of the signed-rank test, two-sided; differences of zero are left out.
+
+    Exact up to 50 assessors without ties, else by the normal approximation.
+    """
+    sizes = np.abs(differences[differences != 0])
+    exact = sizes.size == differences.size <= 50 and np.unique(sizes).size == sizes.size
+    found = stats.wilcoxon(differences, method="exact" if exact else "asymptotic")
+    return float(found.pvalue)
 
 
 def _with_holm(pairs: Iterable[Pair]) -> tuple[Pair, ...]:

@@ -166,3 +166,13 @@ def test_number_of_assessors_is_the_least_that_reaches_the_power():
     assert assessors_needed(0.001, 30) is None
     assert paired_power(detectable_difference(16, 10), 10, 16) == pytest.approx(0.8, abs=1e-8)
     assert detectable_difference(2, 10) > detectable_difference(3, 10)
+
+
+def test_signed_ranks_exact_without_ties_and_approximated_with():
+    exact = compare(
+        make_matrix(votes_of(np.arange(1.0, 7)[:, None, None])), differences=True
+    ).against_reference[0]
+    assert exact.p_wilcoxon == pytest.approx(2 / 2**6)
+    tied = np.array([1.0, 1, 1, -1, 2, 2, 0])[:, None, None]
+    found = compare(make_matrix(votes_of(tied)), differences=True).against_reference[0]
+    assert 0.05 < found.p_wilcoxon < 0.2
