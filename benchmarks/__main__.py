@@ -23,8 +23,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     from dataclasses import replace
 
-    from benchmarks.machine import described, machine, today
     from benchmarks.speed import QUICK, Plan, as_json, run_speed, stderr_note
+    from pipeline.machine import described, machine, today
     from pipeline.media.files import check_writable
     from pipeline.report import strict_json
 
@@ -59,8 +59,8 @@ def load_of(result: Any) -> str:
 
 def page(result: Any) -> str:
     """Return the page of the result, Markdown."""
-    from benchmarks.machine import described, today
     from pipeline.evaluation.floors import verdict_table
+    from pipeline.machine import described, today
 
     plan = result.plan
     command = "python -m benchmarks" + ("" if plan.threads == 2 else f" --threads {plan.threads}")

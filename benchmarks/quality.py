@@ -95,10 +95,10 @@ def main(arguments: list[str] | None = None) -> int:
 
     prepare_numba_cache()  # before anything imports numba
 
-    from benchmarks.machine import described, today
     from benchmarks.speed import stderr_note
     from pipeline.config import Settings
     from pipeline.evaluation.cells import scenes_folder
+    from pipeline.machine import described, today
     from pipeline.media.files import check_writable, write_atomic
     from pipeline.threads import set_threads
 
@@ -234,7 +234,7 @@ def rendered_part(
 
 def page(parts: Sequence[Part], only: str | None, took: str) -> str:
     """Return the page of the results, Markdown."""
-    from benchmarks.machine import described, today
+    from pipeline.machine import described, today
 
     command = "python -m benchmarks.quality" + (f" --only {only}" if only else "")
     head = f"""# How good

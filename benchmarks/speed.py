@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.floors import SpeedFigures, fitted_exponent, speed_floors
-from benchmarks.machine import load_average
 from benchmarks.memory import bench_settings, peak_of, save_frame
 from benchmarks.unit import BicubicUnit, Measured, Timed, measure
 from pipeline.config import Settings, Solver
@@ -28,6 +27,7 @@ from pipeline.evaluation import tables
 from pipeline.evaluation.floors import Verdict
 from pipeline.evaluation.methods import middle_views
 from pipeline.frames import GreyImage, MultiViewFrame
+from pipeline.machine import load_average
 from pipeline.metrics import psnr
 from pipeline.results import FrameResult
 from pipeline.superresolve import superresolve

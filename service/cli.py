@@ -16,24 +16,24 @@ from __future__ import annotations
 import argparse
 import io
 import os
-import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from service.cli_dscqs import add_dscqs
+from service.cli_evaluate import add_evaluate
 from service.cli_serve import add_serve
 from service.cli_streams import add_streams
 from service.console import EXIT_DONE, EXIT_FAILURE, EXIT_USAGE, one_line, report_error
 from service.numba_cache import prepare_numba_cache
+from service.terminal import add_talk, say, watching
 
 if TYPE_CHECKING:
     from pipeline.segments import Engine
     from pipeline.stop import StopFlag
-    from service.progress import Progress
 
 DESCRIPTION = "Super-resolve multi-view 3D video into a stereo pair, guided by depth."
 
@@ -80,7 +80,7 @@ def make_parser() -> Parser:
     _add_run(commands)
     _add_probe(commands)
     _add_psf(commands)
-    _add_evaluate(commands)
+    add_evaluate(commands)
     _add_demo(commands)
     _add_compile(commands)
     add_serve(commands)
@@ -122,7 +122,7 @@ def _add_run(commands: Any) -> None:
         help="scheduler of Dask distributed whose workers compute the segments "
         "(default: this machine alone)",
     )
-    _add_talk(parser)
+    add_talk(parser)
     parser.set_defaults(command=_run_run)
 
 
@@ -139,7 +139,7 @@ def _add_probe(commands: Any) -> None:
     parser.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
     add_options(parser, InputOptions, leave_out=("frames",))
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
-    _add_talk(parser)
+    add_talk(parser)
     parser.set_defaults(command=_run_probe)
 
 
@@ -168,61 +168,8 @@ def _add_psf(commands: Any) -> None:
     add_options(
         parser, Settings, leave_out=("psf", "psf_sigma", "solver", "sweeps", "residual_bound")
     )
-    _add_talk(parser)
+    add_talk(parser)
     parser.set_defaults(command=_run_psf)
-
-
-def _add_evaluate(commands: Any) -> None:
-    from pipeline.config import MAGNIFICATIONS, Settings
-    from service.options import add_options
-
-    evaluate = commands.add_parser("evaluate", help="measure quality where the truth is known")
-    protocols = evaluate.add_subparsers(title="protocols", metavar="PROTOCOL", required=True)
-    parser = protocols.add_parser(
-        "set1",
-        help="degrade a real scene, super-resolve it, compare with the original",
-        description="Set 1: degrade a real scene with a known PSF and noise, super-resolve it "
-        "with every method, and compare the luma with the original.",
-    )
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
-    parser.add_argument(
-        "--magnification", choices=MAGNIFICATIONS, default="2",
-        help="K of the degradation, or K along x then y [times] (default: 2)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--psf-sigma", type=float, default=1.7, metavar="N",
-        help="σ of the Gaussian PSF [HR pixels] (default: 1.7)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--psf-support", type=int, default=7, metavar="N",
-        help="width of the PSF, odd [HR pixels] (default: 7)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--noise", type=float, default=0.0, metavar="N",
-        help="standard deviation of the noise added [grey levels] (default: 0)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="seed of the noise (default: 1)"
-    )
-    parser.add_argument(
-        "--frame", type=int, metavar="N", help="source frame number (default: the scene's first)"
-    )
-    parser.add_argument(
-        "--view", default="left", metavar="VIEW",
-        help="reference view: left, right, both, or a view id (default: left)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--methods", type=lambda text: tuple(text.split(",")), metavar="NAME,...",
-        help="methods to run (default: bicubic, lanczos, single-view, pocs, pocs-simplified, "
-        "default)",
-    )  # fmt: skip
-    parser.add_argument("--json", type=Path, metavar="FILE", help="JSON file to write as well")
-    add_options(
-        parser.add_argument_group("method"), Settings,
-        leave_out=("magnification", "sampling", "psf", "psf_sigma", "psf_support", "psf_per_layer"),
-    )  # fmt: skip
-    _add_talk(parser)
-    parser.set_defaults(command=_run_set1)
 
 
 def _add_demo(commands: Any) -> None:
@@ -240,7 +187,7 @@ def _add_demo(commands: Any) -> None:
         "--threads", type=int, default=0, metavar="N",
         help="threads of the hot loops (0: one a core) [threads] (default: 0)",
     )  # fmt: skip
-    _add_talk(parser)
+    add_talk(parser)
     parser.set_defaults(command=_run_demo)
 
 
@@ -251,15 +198,8 @@ def _add_compile(commands: Any) -> None:
         description="Compile the numeric kernels into the cache folder (DEPTHSR_CACHE, or the "
         "user's cache folder), so that no later run has to.",
     )
-    _add_talk(parser)
+    add_talk(parser)
     parser.set_defaults(command=_run_compile)
-
-
-def _add_talk(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, warnings only")
-    parser.add_argument(
-        "-v", "--verbose", action="store_true", help="tracebacks of unexpected failures"
-    )
 
 
 def _run_run(arguments: argparse.Namespace) -> int:
@@ -275,7 +215,7 @@ def _run_run(arguments: argparse.Namespace) -> int:
         input=InputOptions(**collect(arguments, InputOptions)),
         output=OutputOptions(**collect(arguments, OutputOptions)),
     )
-    with _watching(arguments) as (stop, progress):
+    with watching(arguments) as (stop, progress):
         from pipeline.run import run_job
 
         with _engine(arguments.cluster, stop) as engine:
@@ -287,9 +227,9 @@ def _run_run(arguments: argparse.Namespace) -> int:
 
         where = ", ".join(str(path) for path in summary.written)
         frames = "1 frame" if summary.frames == 1 else f"{summary.frames} frames"
-        _say(f"wrote {where}: {frames} in {duration(summary.seconds)}")
+        say(f"wrote {where}: {frames} in {duration(summary.seconds)}")
         for remark in summary.report["remarks"]:
-            _say(f"  {remark}")
+            say(f"  {remark}")
     return EXIT_DONE
 
 
@@ -319,7 +259,7 @@ def _run_probe(arguments: argparse.Namespace) -> int:
         views=options.views,
     ) as source:
         description = describe(source)
-    _say(strict_json(description) if arguments.json else format_description(description))
+    say(strict_json(description) if arguments.json else format_description(description))
     return EXIT_DONE
 
 
@@ -350,7 +290,7 @@ def _run_psf(arguments: argparse.Namespace) -> int:
             right=options.right,
             views=options.views,
         ) as source,
-        _watching(arguments) as (stop, progress),
+        watching(arguments) as (stop, progress),
         stop.breakable(),
     ):
         frame = source.read(options.frames.within(source.info.frame_indices).start)
@@ -361,66 +301,7 @@ def _run_psf(arguments: argparse.Namespace) -> int:
     if table is not None:
         content = {"format": "depthsr-psf/1", "versions": versions(), "curves": curves}
         write_atomic(table, strict_json(content).encode())
-    _say(format_psf(curves))
-    return EXIT_DONE
-
-
-def _run_set1(arguments: argparse.Namespace) -> int:
-    from pipeline.config import Settings
-    from pipeline.degradation import Degradation
-    from pipeline.evaluate import METHODS, evaluate_set1, format_table
-    from pipeline.media.files import check_writable, write_atomic
-    from pipeline.media.source import open_scene
-    from pipeline.report import strict_json, versions
-    from pipeline.threads import set_threads
-    from service.options import collect
-
-    along_x, _, along_y = arguments.magnification.partition("x")
-    degradation = Degradation(
-        magnification_x=int(along_x),
-        magnification_y=int(along_y or along_x),
-        psf_sigma=arguments.psf_sigma,
-        psf_support=arguments.psf_support,
-        noise_sigma=arguments.noise,
-        seed=arguments.seed,
-    )
-    given = collect(arguments, Settings)
-    for fixed in ("magnification", "psf_sigma", "psf_support"):
-        given.pop(fixed, None)
-    settings = Settings(**given)
-    set_threads(settings.threads)
-    if arguments.json is not None:
-        check_writable(arguments.json)
-    with open_scene(arguments.scene) as source, _watching(arguments) as (stop, progress):
-        info = source.info
-        number = info.frame_indices.start if arguments.frame is None else arguments.frame
-        if number not in info.frame_indices:
-            from pipeline.errors import ConfigurationError
-
-            raise ConfigurationError(
-                f"--frame: {number} is not within the scene's frames "
-                f"{info.frame_indices.start}:{info.frame_indices.stop}"
-            )
-        with stop.breakable():
-            views = {"left": (info.left,), "right": (info.right,), "both": (info.left, info.right)}
-            result = evaluate_set1(
-                source.read(number),
-                degradation,
-                scene=arguments.scene.resolve().name,
-                views=views.get(arguments.view, (arguments.view,)),
-                methods=arguments.methods or METHODS,
-                settings=settings,
-                on_method=lambda view_id, method: progress.note(f"{view_id}: {method}"),
-            )
-    if arguments.json is not None:
-        content = {
-            "format": "depthsr-set1/1",
-            "versions": versions(),
-            "settings": settings,
-            **result.as_json(),
-        }
-        write_atomic(arguments.json, strict_json(content).encode())
-    _say(format_table(result))
+    say(format_psf(curves))
     return EXIT_DONE
 
 
@@ -429,7 +310,7 @@ def _run_demo(arguments: argparse.Namespace) -> int:
     from service.progress import duration
 
     Settings(threads=arguments.threads)  # in range?
-    with _watching(arguments) as (stop, progress):
+    with watching(arguments) as (stop, progress):
         from pipeline.demo import format_demo, run_demo
 
         result = run_demo(
@@ -439,9 +320,9 @@ def _run_demo(arguments: argparse.Namespace) -> int:
             on_note=progress.note,
             stop=stop,
         )
-    _say(format_demo(result))
-    _say(f"wrote {result.video} and {result.picture} in {duration(result.seconds)}")
-    _say(f"the scene is in {result.scene}: try depthsr run {result.scene} -o out.mkv")
+    say(format_demo(result))
+    say(f"wrote {result.video} and {result.picture} in {duration(result.seconds)}")
+    say(f"the scene is in {result.scene}: try depthsr run {result.scene} -o out.mkv")
     return EXIT_DONE
 
 
@@ -450,9 +331,9 @@ def _run_compile(arguments: argparse.Namespace) -> int:
     from pipeline.threads import set_threads
 
     set_threads(0)
-    with _watching(arguments) as (stop, progress), stop.breakable():
+    with watching(arguments) as (stop, progress), stop.breakable():
         compile_kernels(progress.note)
-    _say(f"compiled into {os.environ['NUMBA_CACHE_DIR']}")
+    say(f"compiled into {os.environ['NUMBA_CACHE_DIR']}")
     return EXIT_DONE
 
 
@@ -460,40 +341,8 @@ def _run_version(arguments: argparse.Namespace) -> int:
     from pipeline.report import versions
 
     for name, version in versions().items():
-        _say(f"{name} {version}")
+        say(f"{name} {version}")
     return EXIT_DONE
-
-
-@contextmanager
-def _watching(
-    arguments: argparse.Namespace,
-) -> Iterator[tuple[StopFlag, Progress]]:
-    """Show progress, and turn Ctrl-C and SIGTERM into an orderly end, while the body runs."""
-    from pipeline.events import Compiling
-    from pipeline.stop import StopFlag
-    from service.compile_notice import compile_notice
-    from service.progress import Progress
-
-    stop = StopFlag()
-    progress = Progress(quiet=arguments.quiet)
-
-    def ask(signum: int, frame: object) -> None:
-        for number in previous:  # a second signal ends the process at once
-            signal.signal(number, signal.SIG_DFL)
-        stop.from_signal()
-
-    previous = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        with compile_notice(lambda: progress(Compiling())):
-            yield stop, progress
-    finally:
-        progress.close()
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-
-
-def _say(text: str) -> None:
-    sys.stdout.write(text if text.endswith("\n") else text + "\n")
 
 
 def _version() -> str:

@@ -49,8 +49,9 @@ def test_every_package_imported_is_declared():
         "fpdf": "fpdf2",
         "prometheus_client": "prometheus-client",
         "yaml": "pyyaml",
+        "zenoh": "eclipse-zenoh",
     }
-    behind_others = {"python-multipart"}  # imported by fastapi for us
+    behind_others = {"python-multipart", "websockets"}  # imported by fastapi and uvicorn for us
     ours = {"pipeline", "service", "dscqs"}
     imported = {
         (node.module or "" if isinstance(node, ast.ImportFrom) else alias.name).split(".")[0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import unicodedata
 from collections.abc import Sequence
@@ -19,7 +21,8 @@ class Table:
     left: tuple[str, ...] = ()
     """Further columns that read from the left; the others are numbers."""
 
-    def _reads_from_left(self, column: int) -> bool:
+    def reads_from_left(self, column: int) -> bool:
+        """Return whether a column (0-based) is text."""
         return column == 0 or self.head[column] in self.left
 
     def as_text(self) -> str:
@@ -31,19 +34,27 @@ class Table:
             cells = []
             for column, cell in enumerate(row):
                 space = " " * (widths[column] - _width(cell))
-                cells.append(cell + space if self._reads_from_left(column) else space + cell)
+                cells.append(cell + space if self.reads_from_left(column) else space + cell)
             lines.append("  ".join(cells).rstrip())
         return "\n".join(lines)
 
     def as_markdown(self) -> str:
         """Return the table as Markdown."""
         marks = [
-            "---" if self._reads_from_left(column) else "--:" for column in range(len(self.head))
+            "---" if self.reads_from_left(column) else "--:" for column in range(len(self.head))
         ]
         return "\n".join(
             "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
             for row in (self.head, marks, *self.rows)
         )
+
+    def as_csv(self) -> str:
+        """Return the table as CSV (RFC 4180)."""
+        stream = io.StringIO()
+        writer = csv.writer(stream)
+        writer.writerow(self.head)
+        writer.writerows(self.rows)
+        return stream.getvalue()
 
 
 def number(value: float | None, digits: int = 2) -> str:

@@ -1,0 +1,357 @@
+"""What each piece of the method is worth: taken away in turn, in dB and in seconds.
+
+The left eye at one degradation. The pieces are switched where they are joined, by the
+functions that :func:`pipeline.superresolve.superresolve` itself calls.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from pipeline.config import Settings
+from pipeline.degradation import Degradation, DegradedFrame
+from pipeline.evaluate import BORDER, settings_of
+from pipeline.evaluation.elements import Chapter, Figure
+from pipeline.evaluation.methods import middle_views
+from pipeline.evaluation.plots import lines, spread_bars
+from pipeline.evaluation.subjects import Subject
+from pipeline.evaluation.tables import Table, number, signed
+from pipeline.frames import MultiViewFrame, RegisteredView
+from pipeline.metrics import psnr
+from pipeline.noise import estimate_noise_of_views
+from pipeline.reconstruction.fused import FusedTuning, fuse
+from pipeline.registration.method import METHODS, MotionModel, RegistrationMethod
+from pipeline.registration.register import Thresholds, prepare_views, register_views
+from pipeline.superresolve import (
+    default_residual_threshold,
+    default_weight_threshold,
+    given_psf,
+)
+from pipeline.worker import Worker
+
+DEGRADATION = Degradation(psf_sigma=1.0, noise_sigma=2.0)
+"""Aliasing and noise: there is something to gain from the other views."""
+
+WHOLE = "everything"
+NO_LIMIT = 1e6
+"""Prediction error that is tolerated where weights are off, grey levels."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """The method with one piece changed."""
+
+    name: str
+    method: RegistrationMethod = METHODS["default"]
+    tuning: FusedTuning = field(default_factory=FusedTuning)
+    trust_all: bool = False
+    """Every pixel that has a motion counts as verified."""
+    calibration: bool = True
+    """False: the cameras' calibration is withheld."""
+    num_views: int | None = None
+    """So many views around the stereo pair; None: all. 1: the left eye alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AblationRow:
+    """One variant on one scene."""
+
+    scene: str
+    group: str
+    """What is varied: piece, views, or patches."""
+    name: str
+    psnr: float
+    """Left eye, dB."""
+    seconds: float
+
+
+def pieces() -> list[Variant]:
+    """Return the method whole, and with each piece off."""
+    default, tuning = METHODS["default"], FusedTuning()
+    return [
+        Variant(name=WHOLE),
+        Variant(
+            name="no agreement weights", tuning=replace(tuning, agreement=(NO_LIMIT, 0.0))
+        ),
+        Variant(name="no prior", tuning=replace(tuning, prior_strength=1e-6)),
+        Variant(
+            name="no prior, stopped early",
+            tuning=replace(tuning, prior_strength=1e-6, alone=(1, 3), together=(1, 4)),
+        ),
+        Variant(name="no verification", trust_all=True),
+        Variant(
+            name="no weights, no verification", trust_all=True,
+            tuning=replace(tuning, agreement=(NO_LIMIT, 0.0)),
+        ),
+        Variant(
+            name="translation for affine", method=replace(default, model=MotionModel.TRANSLATION)
+        ),
+        Variant(name="no calibration", calibration=False),
+    ]  # fmt: skip
+
+
+def cuts() -> list[Variant]:
+    """Return the thesis' strips at several L and R (method h of Table 1: by layer, then patch)."""
+    base = METHODS["h"]
+    return [
+        Variant(
+            name=f"L = {layers}, R = {strips}",
+            method=replace(base, num_layers=layers, num_subregions=strips),
+        )
+        for layers in (1, 4, 11, 22)
+        for strips in (1, 3, 6)
+    ]
+
+
+def measure_ablations(
+    subject: Subject, *, note: Callable[[str], None] = lambda _: None
+) -> list[AblationRow]:
+    """Return the rows of one scene."""
+    degraded = subject.degraded(DEGRADATION)
+    settings = settings_of(DEGRADATION, subject.settings)
+    calibrated = all(view.calibration is not None for view in degraded.frame.views)
+    counts = [count for count in (1, 2, 4, 8) if count <= len(subject.view_ids)]
+    if len(subject.view_ids) > counts[-1]:
+        counts.append(len(subject.view_ids))
+    groups = {
+        "piece": [v for v in pieces() if calibrated or v.calibration],
+        "views": [Variant(name=str(count), num_views=count) for count in counts],
+        "patches": cuts(),
+    }
+    rows = []
+    for group, variants in groups.items():
+        for variant in variants:
+            note(f"{subject.name}: {variant.name}" + (" views" if group == "views" else ""))
+            value, seconds = _measured(subject, degraded, settings, variant)
+            rows.append(
+                AblationRow(
+                    scene=subject.name, group=group, name=variant.name, psnr=value,
+                    seconds=seconds,
+                )
+            )  # fmt: skip
+    return rows
+
+
+def _measured(
+    subject: Subject, degraded: DegradedFrame, settings: Settings, variant: Variant
+) -> tuple[float, float]:
+    """Return PSNR of the left eye, and seconds."""
+    left = subject.eyes[0]
+    begin = time.perf_counter()
+    image = _reconstructed(_seen_by(degraded.frame, variant, left), left, settings, variant)
+    seconds = time.perf_counter() - begin
+    eight_bit = np.clip(np.rint(image), 0, 255)
+    return psnr(eight_bit, degraded.truth[left], border=BORDER), seconds
+
+
+def _seen_by(frame: MultiViewFrame, variant: Variant, left: str) -> MultiViewFrame:
+    if variant.num_views == 1:
+        frame = replace(frame, views=(frame.view(left),))
+    elif variant.num_views is not None:
+        frame = middle_views(frame, variant.num_views)
+    if variant.calibration:
+        return frame
+    bare = tuple(replace(view, calibration=None) for view in frame.views)
+    return replace(frame, views=bare, depth_is_metric=False)
+
+
+def _reconstructed(
+    frame: MultiViewFrame, left: str, settings: Settings, variant: Variant
+) -> np.ndarray:
+    noise = estimate_noise_of_views(frame.views)
+    prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
+    found = register_views(
+        prepared, [left], [view.view_id for view in frame.views], variant.method, noise=noise,
+        thresholds=Thresholds(weight=default_weight_threshold(noise), depth=0.1),
+    )[left]  # fmt: skip
+    registered = [item.registered for item in found]
+    if variant.trust_all:
+        registered = [_believed(view) for view in registered]
+    return fuse(
+        registered, settings.grid, frame.lr_shape, given_psf(settings), noise=noise,
+        residual_threshold=NO_LIMIT if variant.trust_all else default_residual_threshold(noise),
+        tuning=variant.tuning,
+    ).estimate  # fmt: skip
+
+
+def _believed(view: RegisteredView) -> RegisteredView:
+    """Return the view with every pixel trusted that has a motion."""
+    has_motion = np.isfinite(view.position).all(axis=-1)
+    return replace(view, flags=np.where(has_motion, 0, view.flags).astype(np.uint8))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WarmRow:
+    """One frame of a video, cold and from the frame before."""
+
+    scene: str
+    frame_index: int
+    cold_psnr: float
+    warm_psnr: float
+    """Left eye, dB."""
+    cold_seconds: float
+    warm_seconds: float
+
+
+def measure_warm(
+    name: str,
+    frames: Sequence[DegradedFrame],
+    settings: Settings,
+    eyes: tuple[str, str],
+    *,
+    note: Callable[[str], None] = lambda _: None,
+) -> list[WarmRow]:
+    """Return a row for each frame after the first: both eyes, each way."""
+    workers = {
+        way: Worker(replace(settings, temporal=way), targets=eyes) for way in ("cold", "warm")
+    }
+    rows = []
+    for degraded in frames:
+        values, seconds = {}, {}
+        for way, worker in workers.items():
+            note(f"{name}, frame {degraded.frame.frame_index}: {way}")
+            begin = time.perf_counter()
+            result = worker.take(degraded.frame)
+            seconds[way] = time.perf_counter() - begin
+            eight_bit = np.clip(np.rint(result.images[eyes[0]].luma), 0, 255)
+            values[way] = psnr(eight_bit, degraded.truth[eyes[0]], border=BORDER)
+        rows.append(
+            WarmRow(
+                scene=name, frame_index=degraded.frame.frame_index,
+                cold_psnr=values["cold"], warm_psnr=values["warm"],
+                cold_seconds=seconds["cold"], warm_seconds=seconds["warm"],
+            )
+        )  # fmt: skip
+    return rows[1:]
+
+
+def chapter(rows: Sequence[AblationRow], warm: Sequence[WarmRow]) -> Chapter:
+    """Return what each piece is worth."""
+    tables = [
+        ("Each piece off in turn: PSNR of the left eye, σ_psf 1, noise 2", _piece_table(rows)),
+        ("Number of views", _pivot(rows, "views", "views")),
+        ("The thesis' strips (method h): layers and sub-regions", _pivot(rows, "patches", "")),
+    ]
+    if warm:
+        tables.append(("Warm start: each frame from the one before", _warm_table(warm)))
+    figures = []
+    for scene in dict.fromkeys(row.scene for row in rows):
+        whole = next(row for row in rows if row.scene == scene and row.name == WHOLE)
+        off = [
+            row for row in rows if row.scene == scene and row.group == "piece" and row.name != WHOLE
+        ]
+        figures.append(
+            Figure(
+                caption=f"{scene}: what is lost without a piece.",
+                content=spread_bars(
+                    [row.name for row in off], [whole.psnr - row.psnr for row in off],
+                    x_label="lost, dB (left of zero: gained)",
+                ),
+            )
+        )  # fmt: skip
+    by_views = {
+        scene: (
+            [float(row.name) for row in rows if row.scene == scene and row.group == "views"],
+            [row.psnr for row in rows if row.scene == scene and row.group == "views"],
+        )
+        for scene in dict.fromkeys(row.scene for row in rows)
+    }
+    figures.append(
+        Figure(
+            caption="PSNR of the left eye over the number of views.",
+            content=lines(by_views, x_label="views", y_label="PSNR, dB"),
+        )
+    )
+    return Chapter(
+        key="ablations",
+        title="What each piece is worth",
+        question="Why is it better, and what would be lost without?",
+        answer=_answer(rows),
+        tables=tables,
+        figures=figures,
+        data={"rows": list(rows), "warm": list(warm)},
+    )
+
+
+def _answer(rows: Sequence[AblationRow]) -> list[str]:
+    sentences = []
+    for scene in dict.fromkeys(row.scene for row in rows):
+        of_scene = [row for row in rows if row.scene == scene]
+        whole = next(row for row in of_scene if row.name == WHOLE)
+        lost = {
+            row.name: whole.psnr - row.psnr
+            for row in of_scene
+            if row.group == "piece" and row.name != WHOLE
+        }
+        if lost:
+            most = max(lost, key=lambda name: lost[name])
+            said = f"{scene}: the dearest loss is {most}, {lost[most]:.2f} dB"
+            gained = [name for name, value in lost.items() if value < -0.02]
+            if gained:
+                said += f"; it would gain from {', '.join(gained)}"
+            sentences.append(said + ".")
+        views = [row for row in of_scene if row.group == "views"]
+        if len(views) > 1:
+            steps = ", ".join(
+                f"{few.name} → {many.name}: {signed(many.psnr - few.psnr)}"
+                for few, many in pairwise(views)
+            )
+            sentences.append(f"{scene}: more views bring, in dB, {steps}.")
+    return sentences
+
+
+def _piece_table(rows: Sequence[AblationRow]) -> Table:
+    found = [row for row in rows if row.group == "piece"]
+    whole = {row.scene: row for row in found if row.name == WHOLE}
+    return Table(
+        head=("scene", "variant", "PSNR dB", "against everything", "seconds"),
+        rows=tuple(
+            (
+                row.scene, row.name, number(row.psnr), signed(row.psnr - whole[row.scene].psnr),
+                number(row.seconds),
+            )
+            for row in found
+        ),
+        left=("variant",),
+    )  # fmt: skip
+
+
+def _pivot(rows: Sequence[AblationRow], group: str, noun: str) -> Table:
+    """Return PSNR and seconds with a scene a row and a variant a column."""
+    found = [row for row in rows if row.group == group]
+    names = list(dict.fromkeys(row.name for row in found))
+    by_key = {(row.scene, row.name): row for row in found}
+    scenes = list(dict.fromkeys(row.scene for row in found))
+    heads = [f"{name} {noun}".strip() if name != "1" or not noun else "1 view" for name in names]
+    return Table(
+        head=("scene", *heads),
+        rows=tuple(
+            (
+                scene,
+                *(
+                    f"{row.psnr:.2f} dB, {row.seconds:.1f} s" if row is not None else "–"
+                    for row in (by_key.get((scene, name)) for name in names)
+                ),
+            )
+            for scene in scenes
+        ),
+    )
+
+
+def _warm_table(rows: Sequence[WarmRow]) -> Table:
+    return Table(
+        head=("scene", "frame", "cold dB", "warm dB", "difference", "cold s", "warm s"),
+        rows=tuple(
+            (
+                row.scene, str(row.frame_index), number(row.cold_psnr), number(row.warm_psnr),
+                signed(row.warm_psnr - row.cold_psnr, 3), number(row.cold_seconds),
+                number(row.warm_seconds),
+            )
+            for row in rows
+        ),
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""The page of a report: a template, its style and its script."""

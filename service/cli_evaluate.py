@@ -1,0 +1,266 @@
+"""``depthsr evaluate``: Set 1, the bars, and the whole report."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from service.console import EXIT_DONE, EXIT_FAILURE
+from service.terminal import add_talk, say, watching
+
+
+def add_evaluate(commands: Any) -> None:
+    """Add the command and its protocols."""
+    evaluate = commands.add_parser("evaluate", help="measure quality where the truth is known")
+    protocols = evaluate.add_subparsers(title="protocols", metavar="PROTOCOL", required=True)
+    _add_set1(protocols)
+    _add_all(protocols)
+    _add_bars(protocols)
+
+
+def _add_set1(protocols: Any) -> None:
+    from pipeline.config import MAGNIFICATIONS, Settings
+    from service.options import add_options
+
+    parser = protocols.add_parser(
+        "set1",
+        help="degrade a real scene, super-resolve it, compare with the original",
+        description="Set 1: degrade a real scene with a known PSF and noise, super-resolve it "
+        "with every method, and compare the luma with the original.",
+    )
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
+    parser.add_argument(
+        "--magnification", choices=MAGNIFICATIONS, default="2",
+        help="K of the degradation, or K along x then y [times] (default: 2)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--psf-sigma", type=float, default=1.7, metavar="N",
+        help="σ of the Gaussian PSF [HR pixels] (default: 1.7)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--psf-support", type=int, default=7, metavar="N",
+        help="width of the PSF, odd [HR pixels] (default: 7)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--noise", type=float, default=0.0, metavar="N",
+        help="standard deviation of the noise added [grey levels] (default: 0)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="seed of the noise (default: 1)"
+    )
+    parser.add_argument(
+        "--frame", type=int, metavar="N", help="source frame number (default: the scene's first)"
+    )
+    parser.add_argument(
+        "--view", default="left", metavar="VIEW",
+        help="reference view: left, right, both, or a view id (default: left)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--methods", type=lambda text: tuple(text.split(",")), metavar="NAME,...",
+        help="methods to run (default: bicubic, lanczos, single-view, pocs, pocs-simplified, "
+        "default)",
+    )  # fmt: skip
+    parser.add_argument("--json", type=Path, metavar="FILE", help="JSON file to write as well")
+    add_options(
+        parser.add_argument_group("method"), Settings,
+        leave_out=("magnification", "sampling", "psf", "psf_sigma", "psf_support", "psf_per_layer"),
+    )  # fmt: skip
+    add_talk(parser)
+    parser.set_defaults(command=_run_set1)
+
+
+def _add_all(protocols: Any) -> None:
+    from pipeline.evaluation.plan import CHAPTERS, Plan
+
+    parser = protocols.add_parser(
+        "all",
+        help="measure everything on some scenes, and write a report",
+        description="Measure everything on the scenes, each table and figure of the thesis among "
+        "it, and write a report that stands alone (index.html), with its numbers as JSON and CSV.",
+    )
+    parser.add_argument(
+        "scenes", nargs="+", metavar="SCENE",
+        help="a scene as for run, or the word sample: the scene that depthsr renders itself",
+    )  # fmt: skip
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FOLDER", help="folder of the report"
+    )
+    parser.add_argument(
+        "--psf-sigmas", type=_numbers, default=Plan.psf_sigmas, metavar="N,...",
+        help="σ of the PSFs of the degradation [HR pixels] (default: 1,1.7)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--noises", type=_numbers, default=Plan.noises, metavar="N,...",
+        help="noises added [grey levels] (default: 0,2)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seeds", type=int, default=Plan.num_seeds, metavar="N",
+        help=f"seeds of the noise, for intervals (default: {Plan.num_seeds})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--chapters", type=lambda text: tuple(text.split(",")), default=CHAPTERS,
+        metavar="NAME,...", help=f"chapters to measure (default: all: {', '.join(CHAPTERS)})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--threads", type=int, default=0, metavar="N",
+        help="threads of the hot loops (0: one a core) [threads] (default: 0)",
+    )  # fmt: skip
+    add_talk(parser)
+    parser.set_defaults(command=_run_all)
+
+
+def _add_bars(protocols: Any) -> None:
+    parser = protocols.add_parser(
+        "bars",
+        help="hold the project's own bars of quality",
+        description="Measure the bars of quality on the real scenes and on the rendered one, and "
+        "say which are met. Exit status 1 where one is not.",
+    )
+    parser.add_argument(
+        "folder", nargs="?", type=Path, metavar="SCENES",
+        help="folder of the real scenes (default: DEPTHSR_SCENES)",
+    )  # fmt: skip
+    parser.add_argument("--json", type=Path, metavar="FILE", help="JSON file to write as well")
+    parser.add_argument(
+        "--threads", type=int, default=0, metavar="N",
+        help="threads of the hot loops (0: one a core) [threads] (default: 0)",
+    )  # fmt: skip
+    add_talk(parser)
+    parser.set_defaults(command=_run_bars)
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a list of numbers like 1,1.7") from None
+
+
+def _run_set1(arguments: argparse.Namespace) -> int:
+    from pipeline.config import Settings
+    from pipeline.degradation import Degradation
+    from pipeline.evaluate import METHODS, evaluate_set1, format_table
+    from pipeline.media.files import check_writable, write_atomic
+    from pipeline.media.source import open_scene
+    from pipeline.report import strict_json, versions
+    from pipeline.threads import set_threads
+    from service.options import collect
+
+    along_x, _, along_y = arguments.magnification.partition("x")
+    degradation = Degradation(
+        magnification_x=int(along_x),
+        magnification_y=int(along_y or along_x),
+        psf_sigma=arguments.psf_sigma,
+        psf_support=arguments.psf_support,
+        noise_sigma=arguments.noise,
+        seed=arguments.seed,
+    )
+    given = collect(arguments, Settings)
+    for fixed in ("magnification", "psf_sigma", "psf_support"):
+        given.pop(fixed, None)
+    settings = Settings(**given)
+    set_threads(settings.threads)
+    if arguments.json is not None:
+        check_writable(arguments.json)
+    with open_scene(arguments.scene) as source, watching(arguments) as (stop, progress):
+        info = source.info
+        number = info.frame_indices.start if arguments.frame is None else arguments.frame
+        if number not in info.frame_indices:
+            from pipeline.errors import ConfigurationError
+
+            raise ConfigurationError(
+                f"--frame: {number} is not within the scene's frames "
+                f"{info.frame_indices.start}:{info.frame_indices.stop}"
+            )
+        with stop.breakable():
+            views = {"left": (info.left,), "right": (info.right,), "both": (info.left, info.right)}
+            result = evaluate_set1(
+                source.read(number),
+                degradation,
+                scene=arguments.scene.resolve().name,
+                views=views.get(arguments.view, (arguments.view,)),
+                methods=arguments.methods or METHODS,
+                settings=settings,
+                on_method=lambda view_id, method: progress.note(f"{view_id}: {method}"),
+            )
+    if arguments.json is not None:
+        content = {
+            "format": "depthsr-set1/1",
+            "versions": versions(),
+            "settings": settings,
+            **result.as_json(),
+        }
+        write_atomic(arguments.json, strict_json(content).encode())
+    say(format_table(result))
+    return EXIT_DONE
+
+
+def _run_all(arguments: argparse.Namespace) -> int:
+    from pipeline.config import Settings
+    from pipeline.errors import ConfigurationError
+    from pipeline.evaluation.plan import CHAPTERS, Plan
+    from pipeline.evaluation.report import Origin, evaluate_all, write_report
+    from pipeline.evaluation.subjects import open_subject
+    from pipeline.machine import described
+    from pipeline.media.files import check_folder_writable
+    from pipeline.threads import set_threads
+
+    for chapter in arguments.chapters:
+        if chapter not in CHAPTERS:
+            raise ConfigurationError(f"--chapters: {chapter!r} is not one of {', '.join(CHAPTERS)}")
+    plan = Plan(
+        psf_sigmas=arguments.psf_sigmas,
+        noises=arguments.noises,
+        num_seeds=arguments.seeds,
+        chapters=arguments.chapters,
+    )
+    settings = Settings(threads=arguments.threads)
+    set_threads(settings.threads)
+    check_folder_writable(arguments.output)
+    begin = time.perf_counter()
+    with watching(arguments) as (stop, progress), stop.breakable():
+        subjects = [(name, open_subject(name, settings)) for name in arguments.scenes]
+        chapters = evaluate_all(subjects, plan, note=progress.note)
+    origin = Origin(
+        command=shlex.join(["depthsr", *sys.argv[1:]]),
+        scenes=tuple(subject.name for _, subject in subjects),
+        machine=described(),
+        seconds=time.perf_counter() - begin,
+    )
+    written = write_report(arguments.output, chapters, origin)
+    for chapter in chapters:
+        say(f"{chapter.title}")
+        for sentence in chapter.answer:
+            say(f"  {sentence}")
+    say(f"wrote {written[0]}, {written[1]} and {len(written) - 2} CSV files")
+    return EXIT_DONE
+
+
+def _run_bars(arguments: argparse.Namespace) -> int:
+    from pipeline.config import Settings
+    from pipeline.errors import ConfigurationError
+    from pipeline.evaluation.bars import bars_record, measure_bars
+    from pipeline.evaluation.floors import verdict_table
+    from pipeline.media.files import check_writable, write_atomic
+    from pipeline.report import strict_json
+    from pipeline.threads import set_threads
+
+    named = os.environ.get("DEPTHSR_SCENES", "")
+    folder = arguments.folder or (Path(named) if named else None)
+    if folder is None:
+        raise ConfigurationError("no real scenes: name their folder, or set DEPTHSR_SCENES to it")
+    if arguments.json is not None:
+        check_writable(arguments.json)
+    settings = Settings(threads=arguments.threads)
+    set_threads(settings.threads)
+    with watching(arguments) as (stop, progress), stop.breakable():
+        verdicts = measure_bars(folder, settings, note=progress.note)
+    if arguments.json is not None:
+        write_atomic(arguments.json, strict_json(bars_record(verdicts)).encode())
+    say(verdict_table(verdicts).as_text())
+    return EXIT_DONE if all(verdict.met for verdict in verdicts) else EXIT_FAILURE

@@ -1,0 +1,55 @@
+"""What every command that works for a while has: progress, an orderly end, two options of talk."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pipeline.stop import StopFlag
+    from service.progress import Progress
+
+
+def add_talk(parser: argparse.ArgumentParser) -> None:
+    """Add ``--quiet`` and ``--verbose``."""
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, warnings only")
+    parser.add_argument(
+        "-v", "--verbose", action="store_true", help="tracebacks of unexpected failures"
+    )
+
+
+@contextmanager
+def watching(
+    arguments: argparse.Namespace,
+) -> Iterator[tuple[StopFlag, Progress]]:
+    """Show progress, and turn Ctrl-C and SIGTERM into an orderly end, while the body runs."""
+    from pipeline.events import Compiling
+    from pipeline.stop import StopFlag
+    from service.compile_notice import compile_notice
+    from service.progress import Progress
+
+    stop = StopFlag()
+    progress = Progress(quiet=arguments.quiet)
+
+    def ask(signum: int, frame: object) -> None:
+        for number in previous:  # a second signal ends the process at once
+            signal.signal(number, signal.SIG_DFL)
+        stop.from_signal()
+
+    previous = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with compile_notice(lambda: progress(Compiling())):
+            yield stop, progress
+    finally:
+        progress.close()
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def say(text: str) -> None:
+    """Write a result to stdout."""
+    sys.stdout.write(text if text.endswith("\n") else text + "\n")
