@@ -201,9 +201,9 @@ def register_frame(
             memory.forget()
             matches = {}
         previous = None if memory is None else memory.previous
-        if previous is not None and not _covers(previous, targets, sources):
-            previous = None
-        keeps_motions = previous is not None and not effort.register
+        keeps_motions = (
+            previous is not None and not effort.register and _covers(previous, targets, sources)
+        )
         if previous is not None and keeps_motions:
             found = previous
             registrations = _with_pixels_of(previous, frame, targets, sources)
@@ -214,7 +214,9 @@ def register_frame(
             found = Previous(prepared=prepared, registrations=registrations, turn=0)
     if memory is not None:
         # motions that are kept stay with the pixels that they were found from
-        memory.keep(found, {target: frame.view(target).luma for target in targets})
+        memory.keep(
+            found, {target: frame.view(target).luma for target in targets}, frame.frame_index
+        )
     clock.done("registration")
     return RegisteredFrame(
         frame=frame,
@@ -300,6 +302,7 @@ class Memory:
         """Start a new chain: the next frame is computed on its own."""
         self.previous: Previous | None = None
         self.turn = 0
+        self._found_in = self._last = -1
         self._observed: dict[str, GreyImage] = {}
 
     def matches(
@@ -313,11 +316,57 @@ class Memory:
             for target in targets
         }
 
-    def keep(self, found: Previous, observed: dict[str, GreyImage]) -> None:
+    def keep(self, found: Previous, observed: dict[str, GreyImage], frame_index: int) -> None:
         """Remember a frame that is registered."""
         self.turn += 1
+        if self.previous is None or found.prepared is not self.previous.prepared:
+            self._found_in = frame_index
+        self._last = frame_index
         self.previous = replace(found, turn=self.turn)
         self._observed = observed
+
+    def split(self, targets: Sequence[str]) -> tuple[Memory, Memory]:
+        """Return the memories of these targets and of the others, which then go their own ways."""
+        others = [target for target in self._observed if target not in targets]
+        return self._of(targets), self._of(others)
+
+    def joined(self, other: Memory) -> Memory | None:
+        """Return the memory of both one's targets; None unless they stand at the same frame."""
+        one, two = self.previous, other.previous
+        here, there = ((memory._found_in, memory._last) for memory in (self, other))
+        if one is None or two is None or here != there:
+            return None
+        both = Memory()
+        both.turn = both._estimated_turn = max(self.turn, other.turn)
+        both._found_in, both._last = here
+        both.previous = Previous(
+            prepared={**two.prepared, **one.prepared},
+            registrations={**one.registrations, **two.registrations},
+            turn=both.turn,
+        )
+        both._observed = {**self._observed, **other._observed}
+        both._estimates = {**self._estimates, **other._estimates}
+        return both
+
+    @property
+    def targets(self) -> frozenset[str]:
+        """The targets of the last frame; empty where there is none."""
+        return frozenset(self._observed)
+
+    def _of(self, targets: Sequence[str]) -> Memory:
+        part = Memory()
+        part.turn, part._estimated_turn = self.turn, self._estimated_turn
+        part._found_in, part._last = self._found_in, self._last
+        assert self.previous is not None  # there are targets
+        part.previous = replace(
+            self.previous,
+            registrations={target: self.previous.registrations[target] for target in targets},
+        )
+        part._observed = {target: self._observed[target] for target in targets}
+        part._estimates = {
+            target: image for target, image in self._estimates.items() if target in targets
+        }
+        return part
 
     def estimate(self, registered: RegisteredFrame, target: str) -> GreyImage | None:
         """Return the previous frame's estimate of a target; None where the chain has none."""
@@ -388,10 +437,21 @@ def _registered(
         weight=settings.weight_threshold or default_weight_threshold(noise),
         depth=settings.depth_threshold,
     )
-    found = register_views(
-        prepared, targets, sources, method, noise=noise, thresholds=thresholds, previous=previous
-    )
-    return prepared, found
+    known = [
+        source
+        for source in sources
+        if previous is not None and _covers(previous, targets, [source])
+    ]
+    new = [source for source in sources if source not in known]
+    found: dict[str, dict[str, ViewRegistration]] = {target: {} for target in targets}
+    for part, before in ((known, previous), (new, None)):
+        if part:
+            registrations = register_views(
+                prepared, targets, part, method, noise=noise, thresholds=thresholds, previous=before
+            )
+            for target in targets:
+                found[target] |= dict(zip(part, registrations[target], strict=True))
+    return prepared, {target: [found[target][source] for source in sources] for target in targets}
 
 
 def _covers(previous: Previous, targets: Sequence[str], sources: Sequence[str]) -> bool:

@@ -6,13 +6,23 @@ the settings and the frames it was given since it was made or reset.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from pipeline.config import Settings
+from pipeline.effort import FULL, Effort
 from pipeline.frames import MultiViewFrame
+from pipeline.report import distinct, sum_timings
 from pipeline.results import FrameResult
-from pipeline.superresolve import Memory, RegisteredFrame, reconstruct_frame, register_frame
+from pipeline.superresolve import (
+    Memory,
+    RegisteredFrame,
+    reconstruct_frame,
+    register_frame,
+    superresolve,
+)
+from pipeline.threads import map_threads, stoppable
 
 
 class Worker:
@@ -35,20 +45,73 @@ class Worker:
         self, settings: Settings, *, stop: Callable[[], bool] | None = None, **arguments: Any
     ) -> None:
         self.settings = settings
+        self._targets: tuple[str, ...] = arguments.pop("targets")
         self._stop = stop
         self._arguments = arguments
-        self._memory = Memory() if settings.temporal == "warm" else None
+        self._memories = [Memory()] if settings.temporal == "warm" else []
 
-    def take(self, frame: MultiViewFrame) -> FrameResult:
-        """Return the result of the next frame; after an error the chain starts anew."""
-        return self.reconstruct(self.register(frame))
+    def take(
+        self,
+        frame: MultiViewFrame,
+        *,
+        targets: tuple[str, ...] | None = None,
+        effort: Effort = FULL,
+    ) -> FrameResult:
+        """Return the result of the next frame; after an error the chain starts anew.
+
+        Parameters
+        ----------
+        targets : tuple of view ids, optional
+            Those of the worker's that are made now; each goes on from the last frame that it
+            was made of.
+        effort : Effort
+            What may be left out.
+        """
+        groups, idle = self._groups(targets or self._targets)
+
+        def compute(group: tuple[tuple[str, ...], Memory | None]) -> FrameResult:
+            return superresolve(
+                frame, self.settings, targets=group[0], memory=group[1], effort=effort,
+                stop=self._stop, **self._arguments,
+            )  # fmt: skip
+
+        try:
+            with stoppable(self._stop):
+                results = map_threads(compute, groups)
+        except BaseException:
+            self.reset()
+            raise
+        self._memories = _joined([*(memory for _, memory in groups if memory is not None), *idle])
+        return _merged(results)
+
+    def _groups(
+        self, targets: tuple[str, ...]
+    ) -> tuple[list[tuple[tuple[str, ...], Memory | None]], list[Memory]]:
+        """Return the targets by the memory that they share, and the memories not asked for."""
+        if not self._memories:
+            return [(targets, None)], []
+        groups: list[tuple[tuple[str, ...], Memory | None]] = []
+        idle = []
+        for memory in self._memories:
+            asked = tuple(target for target in targets if target in memory.targets)
+            if len(asked) < len(memory.targets):
+                memory, rest = memory.split(asked)
+                idle.append(rest)
+            if asked:
+                groups.append((asked, memory))
+        known = {target for asked, _ in groups for target in asked}
+        new = tuple(target for target in targets if target not in known)
+        if new:
+            groups.append((new, Memory()))
+        return groups, idle
 
     def register(self, frame: MultiViewFrame) -> RegisteredFrame:
         """Do the first half of the next frame; after an error the chain starts anew."""
         try:
             return register_frame(
-                frame, self.settings, stop=self._stop, memory=self._memory, **self._arguments
-            )
+                frame, self.settings, targets=self._targets, stop=self._stop, memory=self._memory,
+                **self._arguments,
+            )  # fmt: skip
         except BaseException:
             self.reset()
             raise
@@ -63,5 +126,45 @@ class Worker:
 
     def reset(self) -> None:
         """Forget the frames so far: the next one to be registered is computed on its own."""
-        if self._memory is not None:
-            self._memory.forget()
+        for memory in self._memories:
+            memory.forget()
+
+    @property
+    def _memory(self) -> Memory | None:
+        """The memory of all targets."""
+        return self._memories[0] if self._memories else None
+
+
+def _joined(memories: Sequence[Memory]) -> list[Memory]:
+    """Return the memories, those that stand at the same frame made one."""
+    found: list[Memory] = []
+    for memory in memories:
+        both = [one.joined(memory) for one in found]
+        for place, joined in enumerate(both):
+            if joined is not None:
+                found[place] = joined
+                break
+        else:
+            found.append(memory)
+    return found
+
+
+def _merged(results: Sequence[FrameResult]) -> FrameResult:
+    """Return one result of a frame whose targets were made apart."""
+    first, *others = results
+    if not others:
+        return first
+    reports = [result.report for result in results]
+    report = replace(
+        first.report,
+        targets=tuple(target for report in reports for target in report.targets),
+        motions_are_kept=all(report.motions_are_kept for report in reports),
+        timings=sum_timings(report.timings for report in reports),
+        warnings=tuple(distinct(text for report in reports for text in report.warnings)),
+    )
+    return FrameResult(
+        frame_index=first.frame_index,
+        images={view_id: image for result in results for view_id, image in result.images.items()},
+        report=report,
+        debug={view_id: debug for result in results for view_id, debug in result.debug.items()},
+    )

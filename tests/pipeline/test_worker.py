@@ -115,3 +115,39 @@ def test_a_stop_is_noticed_amid_registration(frames):
     )
     with pytest.raises(Interrupted):
         worker.register(frames[0])
+
+
+def test_an_eye_at_half_rate_goes_on_from_its_own_last_frame(frames):
+    worker = _worker("warm")
+    left, right = TARGETS
+    worker.take(frames[0])
+    alone = worker.take(frames[1], targets=(left,))
+    assert list(alone.images) == [left]
+    both = worker.take(frames[2])
+    assert set(both.images) == {left, right}
+    assert all(target.start.warm_share > 0.35 for target in both.report.targets)
+    steady = _worker("warm")
+    for frame in frames[:2]:
+        steady.take(frame)
+    expected = steady.take(frames[2]).images[left].luma
+    assert np.abs(both.images[left].luma - expected).max() < 0.01
+    again = worker.take(frames[3])
+    assert {target.view_id for target in again.report.targets} == set(TARGETS)
+    assert len(worker._memories) == 1, "both eyes stand at the same frame"
+
+
+def test_a_view_that_comes_back_is_registered_and_the_others_stay_warm(frames):
+    from pipeline.effort import Effort
+
+    worker, few = _worker("warm"), Effort(views=3)
+    for frame in frames[:2]:
+        result = worker.take(frame, effort=few)
+        assert [len(target.views) for target in result.report.targets] == [3, 3]
+    result = worker.take(frames[2])
+    whole = _worker("warm")
+    for frame in frames[:3]:
+        expected = whole.take(frame)
+    for here, there in zip(result.report.targets, expected.report.targets, strict=True):
+        assert len(here.views) == 4
+        for ours, other in zip(here.views, there.views, strict=True):
+            assert ours.verified_fraction == pytest.approx(other.verified_fraction, abs=0.05)

@@ -1,0 +1,207 @@
+"""The controller of real time: what it leaves out, when, and that it does not swing."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.errors import ConfigurationError
+from pipeline.realtime import (
+    CALM,
+    LONGEST_CALM,
+    PATIENCE,
+    Controller,
+    account_of,
+    ladder,
+    paced,
+)  # fmt: skip
+
+RATE = 10.0
+BUDGET = 1 / RATE
+
+
+def _controller(num_views=8):
+    return Controller(rate=RATE, num_views=num_views)
+
+
+def _run(controller, costs):
+    """Feed frames that are in time; return the level of each."""
+    levels = []
+    for cost in costs:
+        choice = controller.begin(0.0)
+        levels.append(choice.level)
+        controller.end(choice, cost)
+    return levels
+
+
+class Clock:
+    """A clock that work moves on."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.mark.parametrize("num_views", [1, 2, 3, 8])
+@pytest.mark.parametrize("num_eyes", [1, 2])
+def test_each_rung_has_less_than_the_one_above_in_the_stated_order(num_views, num_eyes):
+    rungs = ladder(num_views, num_eyes)
+    assert str(rungs[0]) == "full quality"
+    infinite = float("inf")
+
+    def wealth(rung):
+        return (
+            -rung.second_eye_every, -rung.register_every,
+            rung.views or infinite, rung.steps or infinite,
+        )  # fmt: skip
+
+    assert list(map(wealth, rungs)) == sorted(map(wealth, rungs), reverse=True)
+    assert len(set(rungs)) == len(rungs)
+    assert all(rung.views is None or num_eyes <= rung.views < num_views for rung in rungs)
+    assert any(rung.second_eye_every > 1 for rung in rungs) == (num_eyes > 1)
+
+
+def test_frames_that_cost_too_much_lower_quality_and_one_slow_frame_does_not():
+    controller = _controller()
+    assert set(_run(controller, [0.5 * BUDGET] * 5 + [5 * BUDGET] + [0.5 * BUDGET] * 5)) == {0}
+    levels = _run(controller, [1.2 * BUDGET] * 30)
+    assert levels == sorted(levels)
+    assert levels[-1] >= 5
+
+
+def test_much_too_slow_goes_down_several_rungs_at_once():
+    gentle, hard = _controller(), _controller()
+    _run(gentle, [1.05 * BUDGET] * 3)
+    _run(hard, [8 * BUDGET] * 3)
+    assert gentle.level == 1
+    assert hard.level == 10
+
+
+def test_quality_comes_back_after_a_calm():
+    controller = _controller()
+    _run(controller, [2 * BUDGET] * 3)
+    low = controller.level
+    assert low > 1
+    _run(controller, [0.5 * BUDGET] * (CALM - 1))
+    assert controller.level == low
+    _run(controller, [0.5 * BUDGET] * (CALM * low))
+    assert controller.level == 0
+
+
+def test_a_load_between_two_rungs_does_not_make_it_swing():
+    """Rung 3 fits and rung 2 does not: trials become rarer and rarer."""
+    controller = _controller()
+    changes, level = [], 0
+    for number in range(3000):
+        choice = controller.begin(0.0)
+        controller.end(choice, (0.7 if choice.level >= 3 else 1.1) * BUDGET)
+        if controller.level != level:
+            changes.append(number)
+            level = controller.level
+    in_first, in_last = (
+        sum(first <= change < first + 1000 for change in changes) for first in (0, 2000)
+    )
+    assert in_last <= 2 * (1000 / LONGEST_CALM + 1)
+    assert in_first > in_last
+
+
+def test_late_frames_are_dropped_and_counted():
+    controller = _controller()
+    assert not controller.begin(PATIENCE * BUDGET).drop
+    assert controller.begin(PATIENCE * BUDGET + 0.001).drop
+    assert controller.account.dropped == controller.dropped == 1
+
+
+def test_registration_and_second_eye_take_turns():
+    controller = _controller(2)
+    _run(controller, [100 * BUDGET] * 9)
+    assert controller.rungs[controller.level].second_eye_every == 2
+    choices = []
+    for _ in range(8):
+        choices.append(controller.begin(0.0))
+        controller.end(choices[-1], 0.9 * BUDGET)
+    assert [choice.effort.register for choice in choices] == [True, False, False, False] * 2
+    assert [choice.both_eyes for choice in choices] == [True, False] * 4
+
+
+@given(
+    st.lists(st.tuples(st.floats(-1, 1), st.floats(0, 3)), max_size=300),
+    st.integers(1, 9), st.integers(1, 2),
+)  # fmt: skip
+def test_whatever_happens_it_stays_on_the_ladder_and_counts_every_frame(happened, views, eyes):
+    controller = Controller(rate=RATE, num_views=views, num_eyes=eyes)
+    records = []
+    for late, seconds in happened:
+        before = controller.level
+        choice = controller.begin(late)
+        assert 0 <= choice.level < len(controller.rungs)
+        assert choice.drop == (late > PATIENCE * BUDGET)
+        assert choice.effort.views is None or choice.effort.views >= eyes
+        records.append((choice.drop, str(choice.rung)))
+        if not choice.drop:
+            controller.end(choice, seconds)
+            assert controller.level >= before - 1, "up one rung at a time"
+    account = controller.account
+    assert account.dropped + sum(account.frames_by_rung.values()) == len(happened)
+    assert account_of(RATE, records).frames_by_rung == account.frames_by_rung
+    again = Controller(rate=RATE, num_views=views, num_eyes=eyes)
+    for late, seconds in happened:
+        choice = again.begin(late)
+        if not choice.drop:
+            again.end(choice, seconds)
+    assert again == controller, "nothing but its input decides"
+
+
+@given(st.floats(0.1, 20), st.integers(1, 200))
+def test_whatever_a_frame_costs_the_stream_does_not_fall_behind(load, count):
+    """The stream ends in time, but for the first frame and the last."""
+    clock, controller = Clock(), _controller()
+    for _, choice in paced(range(count), controller, clock):
+        if not choice.drop:
+            clock.now += load * BUDGET * 0.8**choice.level
+    assert clock.now <= (load + count + PATIENCE + load) * BUDGET + 1e-6
+    assert controller.dropped + sum(controller.account.frames_by_rung.values()) == count
+
+
+def test_waiting_for_frames_is_not_being_late():
+    clock, controller = Clock(), _controller()
+
+    def slow_camera():
+        for number in range(50):
+            clock.now += 2 * BUDGET
+            yield number
+
+    for _, choice in paced(slow_camera(), controller, clock):
+        assert not choice.drop
+        clock.now += 0.5 * BUDGET
+    assert controller.level == 0
+
+
+def test_time_left_over_is_not_saved_up():
+    clock, controller = Clock(), _controller()
+    late = []
+    for number, choice in paced(range(60), controller, clock):
+        late.append(choice.late)
+        clock.now += BUDGET * (0.1 if number < 50 else 1.0 if choice.drop else 4.0)
+    assert late[52] > 0, "fifty quick frames do not excuse slow ones"
+
+
+def test_the_first_frame_may_take_its_time():
+    clock, controller = Clock(), _controller()
+    choices = []
+    for number, choice in paced(range(5), controller, clock):
+        choices.append(choice)
+        clock.now += 100 * BUDGET if number == 0 else 0.5 * BUDGET
+    assert not any(choice.drop for choice in choices)
+    assert controller.account.sentence() == (
+        "Real time at 10 frames a second: 5 of 5 frames computed, 0 dropped; 5 with full quality."
+    )
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_rate_that_is_none_is_refused(rate):
+    with pytest.raises(ConfigurationError, match="--rate"):
+        Controller(rate=rate, num_views=2)
