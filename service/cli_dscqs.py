@@ -21,6 +21,7 @@ def add_dscqs(commands: Any) -> None:
     subcommands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     add_tests(subcommands)
     _add_analyse(subcommands)
+    _add_export(subcommands)
 
 
 def _add_analyse(subcommands: Any) -> None:
@@ -75,4 +76,48 @@ def _run_analyse(arguments: argparse.Namespace) -> int:
         write_atomic(arguments.pdf, pdf_report(table, title=title, variant=variant))
     if not arguments.quiet:
         print(format_analysis(analyse(table, variant)))  # noqa: T201
+    return EXIT_DONE
+
+
+def _add_export(subcommands: Any) -> None:
+    parser = subcommands.add_parser(
+        "export",
+        help="write votes in another format",
+        description="Write votes as tidy CSV, suJSON, or a sureal dataset (JSON), whatever "
+        "format they are in.",
+    )
+    parser.add_argument(
+        "votes", type=Path, metavar="VOTES", help="votes: tidy CSV, suJSON, or a sureal dataset"
+    )
+    parser.add_argument(
+        "--to", choices=("csv", "sujson", "sureal"), default="csv",
+        help="format to write (default: csv)",
+    )  # fmt: skip
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="file to write (default: print it)"
+    )
+    parser.add_argument("--display", help="for sureal, which holds one display: which")
+    parser.add_argument("--dimension", help="for sureal, which holds one dimension: which")
+    parser.add_argument(
+        "-v", "--verbose", action="store_true", help="tracebacks of unexpected failures"
+    )
+    parser.set_defaults(command=_run_export)
+
+
+def _run_export(arguments: argparse.Namespace) -> int:
+    from dscqs.exchange.files import Format, format_scores, read_scores
+    from pipeline.media.files import check_writable, write_atomic
+
+    if arguments.output is not None:
+        check_writable(arguments.output)
+    text = format_scores(
+        read_scores(arguments.votes),
+        Format(arguments.to),
+        display=arguments.display,
+        dimension=arguments.dimension,
+    )
+    if arguments.output is not None:
+        write_atomic(arguments.output, text.encode())
+    else:
+        print(text, end="")  # noqa: T201
     return EXIT_DONE
