@@ -12,13 +12,14 @@ import re
 import secrets
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from dscqs.displays import DisplayShelf
 from dscqs.errors import NotFound, NotLoggedIn, OrderError, PlanError, UsedUp
+from dscqs.group import Group
 from dscqs.order import ORDER_VERSION, Kind, Presentation, make_order
 from dscqs.plan import Plan, plan_from_dict, plan_to_dict
 from dscqs.session import (
@@ -126,6 +127,7 @@ class Desk:
         self._clock = clock
         self._secret = secret
         self._lock = threading.RLock()
+        self._group_lock = threading.RLock()
         self._live: dict[str, Live] = {}
 
     # Operators
@@ -169,6 +171,36 @@ class Desk:
         self.store.add_link(hashed(link), record.id)
         return record, link
 
+    def invite_group(
+        self, test: str, assessors: Sequence[str], display: str, language: str = "en"
+    ) -> tuple[str, dict[str, str]]:
+        """Return a link for the screen of a group, and one for the telephone of each assessor."""
+        plan = plan_from_dict(self.store.test(test).plan)
+        if not assessors or len(set(assessors)) != len(assessors):
+            raise PlanError("assessors: must be a list of at least one code, each once")
+        for assessor in assessors:
+            _check_invitation(plan, assessor, display, language)
+        with self._lock:
+            others = self.store.sessions(test)
+            taken = {one.assessor for one in others if one.display == display}
+            for assessor in assessors:
+                if assessor in taken:
+                    raise OrderError(f"{assessor} has a session on {display} already")
+            number = sum(one.display == display and one.role != "phone" for one in others)
+            name = f"screen-{sum(one.role == 'screen' for one in others) + 1}"
+            screen = self._new_session(plan, test, name, display, language, number)
+            screen = dataclasses.replace(screen, role="screen", group=screen.id)
+            records = [screen]
+            for assessor in assessors:
+                phone = self._new_session(plan, test, assessor, display, language, number)
+                records.append(dataclasses.replace(phone, role="phone", group=screen.id))
+            links = []
+            for record in records:
+                self.store.add_session(record)
+                links.append(self._secret())
+                self.store.add_link(hashed(links[-1]), record.id)
+        return links[0], dict(zip(assessors, links[1:], strict=True))
+
     def act(self, session: str, action: str) -> dict[str, Any]:
         """Pause, resume, withdraw or erase; return the progress of the session."""
         if action not in ACTIONS:
@@ -177,6 +209,7 @@ class Desk:
         if action == "erase":  # first, so that a kill in between leaves no answers behind
             self.store.erase(session)
         self._take(live, ACTIONS[action]())
+        self._settle(live)
         return progress_view(live)
 
     def progress(self, test: str) -> list[dict[str, Any]]:
@@ -215,8 +248,8 @@ class Desk:
     def state(self, session: str) -> dict[str, Any]:
         """Return where the session stands, as the assessor may know it."""
         live = self._get(session)
-        with live.lock:
-            return state_view(live)
+        self._settle(live)
+        return self._view(live)
 
     def display(self, session: str) -> Mapping[str, Any]:
         """Return the profile of the session's display."""
@@ -224,11 +257,22 @@ class Desk:
 
     def proceed(self, session: str, stage: str) -> dict[str, Any]:
         """Leave a stage that asks for nothing more."""
-        return self._take(self._get(session), Continued(stage=stage))
+        live = self._get(session)
+        if live.record.role == "screen" and live.state.is_shown:
+            with self._group_lock:
+                if stage != live.state.step.stage:
+                    raise OrderError(f"the session is at {live.state.step.stage.value}")
+                if live.state.is_shown:  # the last vote may have come in between
+                    self._group(live).go_on(self._take)
+            return self._view(live)
+        return self._take(live, Continued(stage=stage))
 
     def fill(self, session: str, stage: str, answers: Mapping[str, Any]) -> dict[str, Any]:
         """Store the answers of a form, and go on."""
-        return self._take(self._get(session), FormFilled(stage=stage), form=(stage, answers))
+        live = self._get(session)
+        self._take(live, FormFilled(stage=stage), form=(stage, answers))
+        self._settle(live)
+        return self._view(live)
 
     def present(self, session: str) -> dict[str, Any]:
         """Give out the presentation to show, under a new ticket; earlier ones end.
@@ -236,6 +280,8 @@ class Desk:
         The bytes of both sides are made here, so that fetching them takes the same time.
         """
         live = self._get(session)
+        if live.record.role == "phone":
+            raise OrderError("the screen shows, the telephone votes")
         with live.lock:
             offered = Offered(ticket=self._secret())
             after(live.state, offered)  # refuses before anything is read
@@ -269,18 +315,44 @@ class Desk:
                 if wrong:
                     fault = {"kind": "pixels", "detail": f"{wrong}: other pixels were shown"}
                     outcome, log = "failed", {**log, "faults": [fault]}
-            return self._take(live, Shown(ticket=ticket, outcome=outcome, log=log))
+            self._take(live, Shown(ticket=ticket, outcome=outcome, log=log))
+        self._settle(live)
+        return self._view(live)
 
     def grade(self, session: str, ticket: str, submission: str, grades: Grades) -> dict[str, Any]:
         """Store a vote; the same submission counts once."""
-        event = Graded(ticket=ticket, submission=submission, grades=grades)
-        return self._take(self._get(session), event)
+        live = self._get(session)
+        if live.record.role == "screen":
+            raise OrderError("the screen shows, the telephones vote")
+        self._take(live, Graded(ticket=ticket, submission=submission, grades=grades))
+        self._settle(live)
+        return self._view(live)
 
     def note(self, session: str, kind: str, detail: Mapping[str, Any]) -> None:
         """Add what the page says to the audit trail."""
         self._take(self._get(session), Noted(kind=kind, detail=detail))
 
     # Inside
+
+    def _view(self, live: Live) -> dict[str, Any]:
+        with live.lock:
+            group = self._group(live) if live.record.role == "screen" else None
+            return state_view(live, group)
+
+    def _group(self, live: Live) -> Group:
+        screen = self._get(live.record.group or "")
+        phones = [
+            self._get(record.id)
+            for record in self.store.sessions(screen.record.test)
+            if record.group == screen.record.id and record.role == "phone"
+        ]
+        return Group(screen=screen, phones=phones)
+
+    def _settle(self, live: Live) -> None:
+        """Bring a group together after something happened in one of its sessions."""
+        if live.record.group is not None:
+            with self._group_lock:
+                self._group(live).settle(self._take, self._secret)
 
     def _take(
         self, live: Live, event: Event, *, form: tuple[str, Mapping[str, Any]] | None = None
@@ -293,7 +365,7 @@ class Desk:
                 live.learn(event, self._clock())
             if Effect.END_ADDRESSES in effects:
                 live.sides = {}
-            return state_view(live)
+        return self._view(live)
 
     def _get(self, session: str) -> Live:
         with self._lock:
@@ -306,7 +378,7 @@ class Desk:
         test = self.store.test(record.test)
         plan = plan_from_dict(test.plan)
         order = [Presentation(**{**item, "kind": Kind(item["kind"])}) for item in record.order]
-        state = Session(steps=make_steps(plan, order), dimensions=plan.dimensions)
+        state = Session(steps=make_steps(plan, order, record.role), dimensions=plan.dimensions)
         live = Live(record=record, plan=plan, state=state, files=test.files)
         for stored in self.store.events(session):
             event = event_from_data(stored.name, stored.data)

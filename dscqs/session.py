@@ -27,7 +27,7 @@ from typing import Any
 
 from dscqs.errors import GradesError, OrderError
 from dscqs.order import Kind, Presentation
-from dscqs.plan import Plan
+from dscqs.plan import STAGES, Plan
 
 Grades = Mapping[str, Mapping[str, float]]
 """``{dimension: {"A": grade, "B": grade}}``, 0 (bad) … 100 (excellent)."""
@@ -76,20 +76,32 @@ class Step:
     presentation: Presentation | None = None
 
 
-def make_steps(plan: Plan, order: Iterable[Presentation]) -> tuple[Step, ...]:
+STAGES_OF_ROLE: Mapping[str, frozenset[str]] = {
+    "station": frozenset(STAGES),
+    "phone": frozenset(STAGES) - {"stereo_acuity"},
+    "screen": frozenset(),
+}
+"""Which stages of a plan a role has; a telephone has no breaks either."""
+
+
+def make_steps(
+    plan: Plan, order: Iterable[Presentation], role: str = "station"
+) -> tuple[Step, ...]:
     """Return what a session goes through, from instructions to thanks."""
+    stages = STAGES_OF_ROLE[role] & set(plan.stages)
     before = ("instructions", "screening", "stereo_acuity", "fatigue_before")
-    steps = [Step(stage=Stage(name)) for name in before if name in plan.stages]
+    steps = [Step(stage=Stage(name)) for name in before if name in stages]
+    break_every = 0 if role == "phone" else plan.break_every
     shown = 0
     for presentation in order:
         if presentation.kind is Kind.TRAINING:
             steps.append(Step(stage=Stage.TRAINING, presentation=presentation))
             continue
-        if shown and plan.break_every and shown % plan.break_every == 0:
+        if shown and break_every and shown % break_every == 0:
             steps.append(Step(stage=Stage.BREAK))
         steps.append(Step(stage=Stage.PRESENTATION, presentation=presentation))
         shown += 1
-    if "fatigue_after" in plan.stages:
+    if "fatigue_after" in stages:
         steps.append(Step(stage=Stage.FATIGUE_AFTER))
     return (*steps, Step(stage=Stage.THANKS))
 
@@ -147,6 +159,11 @@ class Skipped:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Advanced:
+    """The telephones before a screen have voted, or the operator went on without them."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Paused:
     """No further presentation is given out for now."""
 
@@ -175,15 +192,15 @@ class Noted:
 
 
 Event = (
-    Joined | Continued | FormFilled | Offered | Shown | Graded | Skipped | Paused | Resumed
-    | Withdrawn | Erased | Noted
+    Joined | Continued | FormFilled | Offered | Shown | Graded | Skipped | Advanced | Paused
+    | Resumed | Withdrawn | Erased | Noted
 )  # fmt: skip
 
 _EVENTS: dict[str, type] = {
     kind.__name__.lower(): kind
     for kind in (
-        Joined, Continued, FormFilled, Offered, Shown, Graded, Skipped, Paused, Resumed,
-        Withdrawn, Erased, Noted,
+        Joined, Continued, FormFilled, Offered, Shown, Graded, Skipped, Advanced, Paused,
+        Resumed, Withdrawn, Erased, Noted,
     )
 }  # fmt: skip
 
@@ -219,6 +236,7 @@ class Session:
     submissions: Mapping[str, Graded] = field(default_factory=dict)
     """Every vote that counts, by the page's id of it."""
     skipped: int = 0
+    """Presentations that were left without a vote here."""
 
     @property
     def step(self) -> Step:
@@ -234,6 +252,11 @@ class Session:
     def is_finished(self) -> bool:
         """True at the thanks."""
         return self.step.stage is Stage.THANKS
+
+    @property
+    def num_shown(self) -> int:
+        """Presentations that were left behind, training among them."""
+        return sum(step.stage in SHOWN for step in self.steps[: self.at])
 
     @property
     def place(self) -> tuple[int, int]:
@@ -286,7 +309,9 @@ def after(session: Session, event: Event) -> tuple[Session, frozenset[Effect]]:
             return _after_shown(session, event)
         case Graded():
             return _after_graded(session, event)
-        case Skipped():
+        case Advanced() if not session.is_shown:
+            raise OrderError("the presentation has not been shown to its end yet")
+        case Skipped() | Advanced():
             if session.step.stage not in SHOWN:
                 raise OrderError("there is no presentation to skip")
             changed = dataclasses.replace(_forward(session), skipped=session.skipped + 1)
@@ -347,8 +372,7 @@ def check_grades(grades: Grades, dimensions: Iterable[str]) -> None:
 def check_invariants(session: Session) -> None:
     """Raise AssertionError where a state contradicts itself."""
     assert 0 <= session.at < len(session.steps)
-    passed = sum(step.stage in SHOWN for step in session.steps[: session.at])
-    assert passed == len(session.submissions) + session.skipped
+    assert session.num_shown == len(session.submissions) + session.skipped
     assert len({vote.ticket for vote in session.submissions.values()}) == len(session.submissions)
     assert session.ticket is None or session.step.stage in SHOWN
     assert not session.is_shown or session.ticket is not None

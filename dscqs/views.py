@@ -10,13 +10,17 @@ from dscqs.session import Stage
 
 if TYPE_CHECKING:
     from dscqs.desk import Live
+    from dscqs.group import Group
 
 LABELS = ("Excellent", "Good", "Fair", "Poor", "Bad")
 """Of the five fifths of the scale, best first."""
 
 
-def state_view(live: Live) -> dict[str, Any]:
-    """Return where the session stands; nothing in it depends on what is shown."""
+def state_view(live: Live, group: Group | None = None) -> dict[str, Any]:
+    """Return where the session stands; nothing in it depends on what is shown.
+
+    ``group`` is given for a screen.
+    """
     plan, state = live.plan, live.state
     index, total = state.place
     view: dict[str, Any] = {
@@ -31,6 +35,11 @@ def state_view(live: Live) -> dict[str, Any]:
     }
     if state.step.stage is Stage.BREAK:
         view["break_s"] = plan.break_s
+    if live.record.role == "phone":
+        view["ticket"] = state.ticket if state.is_shown else None
+    if group is not None:
+        view["voting"] = state.is_shown
+        view["votes"] = {"given": group.given, "of": len(group.active)}
     return view
 
 

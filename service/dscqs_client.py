@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -66,6 +66,14 @@ class OperatorClient:
         asked = {"assessor": assessor, "display": display, "language": language}
         answer = ask(self.http, "POST", f"{API}/operator/tests/{test}/links", asked)
         return str(answer.json()["link"])
+
+    def invite_group(
+        self, test: str, assessors: Sequence[str], display: str, language: str = "en"
+    ) -> tuple[str, dict[str, str]]:
+        """Return the link of a screen, and those of the telephones before it."""
+        asked = {"assessors": list(assessors), "display": display, "language": language}
+        made = ask(self.http, "POST", f"{API}/operator/tests/{test}/groups", asked).json()
+        return str(made["screen"]), dict(made["phones"])
 
     def progress(self, test: str) -> list[dict[str, Any]]:
         """Return where the sessions stand."""

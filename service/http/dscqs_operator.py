@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Request, Response
 from fastapi import Path as InPath
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from dscqs.displays import profile_from_dict
 from dscqs.plan import plan_from_dict
@@ -47,6 +47,21 @@ class Invited(BaseModel):
     link: str
     session: str
     dry: bool = False
+
+
+class GroupInvitation(Asked):
+    """Who sits before one screen."""
+
+    assessors: Annotated[list[Name], Field(max_length=100)]
+    display: Name
+    language: Name = "en"
+
+
+class GroupInvited(BaseModel):
+    """Links, which are shown this once."""
+
+    screen: str
+    phones: dict[str, str]
 
 
 class Made(BaseModel):
@@ -129,6 +144,19 @@ def invite(request: Request, name: Operating, test: Id, asked: Invitation) -> In
     desk = request.app.state.desks.real
     record, link = desk.invite(test, asked.assessor, asked.display, asked.language)
     return Invited(link=f"/dscqs/a/{link}", session=record.id)
+
+
+@router.post("/tests/{test}/groups", status_code=201, responses=responses(400, 401, 404, 409))
+def invite_group(
+    request: Request, name: Operating, test: Id, asked: GroupInvitation
+) -> GroupInvited:
+    """Return links for a group before one screen: the screen's, and each telephone's."""
+    desk = request.app.state.desks.real
+    screen, phones = desk.invite_group(test, asked.assessors, asked.display, asked.language)
+    return GroupInvited(
+        screen=f"/dscqs/a/{screen}",
+        phones={assessor: f"/dscqs/a/{link}" for assessor, link in phones.items()},
+    )
 
 
 @router.post("/tests/{test}/dry-run", status_code=201, responses=responses(400, 401, 404))
