@@ -11,6 +11,7 @@ from dscqs.report import plots, tables
 from dscqs.report.blocks import Block, Heading, Paragraph, Plot, Table
 from dscqs.report.methods import informal_text, methods, power_text
 from dscqs.statistics.analysis import Analysis, analyse, voters
+from dscqs.statistics.comparisons import MOST_CONDITIONS
 from dscqs.statistics.details import Details, details
 from dscqs.statistics.document import DIRECTIONS
 from dscqs.statistics.screening import Variant
@@ -156,7 +157,8 @@ def _scores(analysis: Analysis) -> Iterator[Block]:
     yield from tables.stimulus_scores(analysis)
     yield Plot(
         caption="All votes: box from first to third quartile, line at the median, whiskers to "
-        "the last vote within 1.5 box heights, a dot for every vote.",
+        "the last vote within 1.5 box heights"
+        + (", a dot for every vote." if len(analysis.conditions) <= plots.MANY else "."),
         text="Box plots of the votes by condition and display.",
         draw=partial(plots.boxes_of_votes, analysis, label),
     )
@@ -208,5 +210,10 @@ def _tests(found: Details) -> Iterator[Block]:
             )
         if comparisons.pairs or comparisons.against_reference:
             yield tables.pair_table(each.display, comparisons)
+        else:
+            yield Paragraph(
+                text=f"No comparison of pairs on {each.display}: there is one condition, or more "
+                f"than {MOST_CONDITIONS}."
+            )
     for text in power_text(found):
         yield Paragraph(text=text)

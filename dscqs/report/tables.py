@@ -15,6 +15,9 @@ from dscqs.statistics.descriptive import Summary
 from dscqs.statistics.details import Details, DisplayDetails
 from dscqs.statistics.screening import Variant
 
+MOST_OPEN = 20
+"""Rows of scores up to which a table is shown at once."""
+
 SUMMARY = ("n", "mean", "SD", "SE", "±95 %", "±95 % t")
 
 
@@ -83,7 +86,7 @@ def _cells(cells: Sequence[Cell], caption: str, *, after: bool) -> Table:
             for cell in cells
         ),
         names=len(names),
-        folded=contents,
+        folded=contents or len(cells) > MOST_OPEN,
     )
 
 
