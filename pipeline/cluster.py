@@ -26,7 +26,7 @@ from typing import Any
 from distributed import Client, Future, KilledWorker, get_worker
 from distributed.worker import Worker as DaskWorker
 
-from pipeline.errors import ClusterError, PipelineError
+from pipeline.errors import ClusterError, ConfigurationError, PipelineError
 from pipeline.events import Event, SegmentFinished, Warned
 from pipeline.fingerprint import scene_files
 from pipeline.job import Job, Segment
@@ -124,10 +124,14 @@ class ClusterEngine:
 
         Raises
         ------
+        ConfigurationError
+            If the job is to hold a rate.
         ClusterError
             If a worker cannot do this job, if several died of the same segment, or if the
             scheduler is lost.
         """
+        if work.job.settings.realtime:
+            raise ConfigurationError("--realtime: holds the rate of one machine, not of --cluster")
         work = _with_whole_paths(work)
         work = replace(work, job=self._with_threads(work.job, len(segments)))
         self._check_workers(work)

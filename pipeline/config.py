@@ -111,6 +111,12 @@ class Settings:
         "cold", "whether a frame of a video starts from the one before it",
         choices=("cold", "warm"),
     )  # fmt: skip
+    realtime: bool = setting(
+        False, "hold the rate of a live stream: leave out work, and frames where that is not enough"
+    )
+    rate: float | None = setting(
+        None, "rate to hold with --realtime (default: the scene's)", unit="frames a second"
+    )
     threads: int = setting(0, "threads of the hot loops (0: one a core)", unit="threads")
 
     def __post_init__(self) -> None:
@@ -143,6 +149,12 @@ class Settings:
         noise = self.noise_sigma
         _check(noise is None or 0 <= noise <= 64, "noise_sigma", "0 to 64 grey levels", noise)
         _check(0 <= self.threads <= 256, "threads", "0 to 256", self.threads)
+        rate = self.rate
+        _check(rate is None or 0 < rate <= 1000, "rate", "above 0, up to 1000", rate)
+        _check(
+            not self.realtime or self.temporal == "warm",
+            "temporal", "warm with --realtime", self.temporal,
+        )  # fmt: skip
         _check(
             not (self.psf == "auto" and self.psf_sigma is not None),
             "psf_sigma", "left out with --psf auto", sigma,

@@ -47,7 +47,8 @@ REGISTER_EVERY = (2, 4)
 """Frames from one registration to the next, rung by rung."""
 
 JUDGED = 3
-"""Frames whose median cost decides on a rung down: one slow frame alone does not."""
+"""Frames whose median cost decides on a rung down: one slow frame alone does not. Where frames
+had to be dropped, two slow ones in a row are enough."""
 
 TOO_MUCH = 1.0
 """Share of the budget above which quality goes down."""
@@ -195,6 +196,8 @@ class Controller:
     _calm_needed: int = field(default=CALM, init=False)
     _since_up: int = field(default=TRIAL, init=False)
     _turn: int = field(default=0, init=False)
+    _has_dropped: bool = field(default=False, init=False)
+    """Since the last change of level."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.rate) and self.rate > 0):
@@ -245,6 +248,7 @@ class Controller:
         )  # fmt: skip
         if drop:
             self.dropped += 1
+            self._has_dropped = True
         else:
             self._turn += 1
         return choice
@@ -264,11 +268,18 @@ class Controller:
         self._since_up += 1
         self._costs = [*self._costs, cost][-JUDGED:]
         self._calm = self._calm + 1 if cost < LITTLE else 0
-        if len(self._costs) == JUDGED and statistics.median(self._costs) > TOO_MUCH:
-            self._down(statistics.median(self._costs))
+        load = self._load()
+        if load > TOO_MUCH:
+            self._down(load)
         elif self._calm >= self._calm_needed and self.level > 0:
             self._move(self.level - 1)
             self._since_up = 0
+
+    def _load(self) -> float:
+        """Return the share of the budget that frames take; 0 where it is too early to tell."""
+        if len(self._costs) == JUDGED:
+            return statistics.median(self._costs)
+        return min(self._costs) if self._has_dropped and len(self._costs) > 1 else 0.0
 
     def _down(self, load: float) -> None:
         if self._since_up < TRIAL:
@@ -279,6 +290,7 @@ class Controller:
 
     def _move(self, level: int) -> None:
         self.level, self._costs, self._calm, self._turn = level, [], 0, 0
+        self._has_dropped = False
 
 
 def paced(

@@ -23,6 +23,7 @@ import numpy as np
 from pipeline.frames import MultiViewFrame
 from pipeline.job import Job
 from pipeline.media.info import SceneInfo
+from pipeline.realtime import Account, account_of
 from pipeline.sink import OutputPlan
 
 REPORT_FORMAT = "depthsr-report/1"
@@ -139,6 +140,7 @@ def make_report(
     for frame in frames:
         for view_id, origin in frame["depth"].items():
             depth.setdefault(view_id, []).append(origin)
+    realtime = _realtime(job, info, frames)
     return {
         "format": REPORT_FORMAT,
         "versions": versions(),
@@ -164,21 +166,38 @@ def make_report(
             "hr_height": hr_height,
         },
         "frames": frames,
+        **({} if realtime is None else {"realtime": to_plain(realtime)}),
         "timings": timings,
         "run": {
             **{key: value for key, value in run.items() if key != "join_seconds"},
             "peak_memory_mib": peak_memory_mib(),
         },
         "remarks": distinct(
-            f"{target['view_id']}: {target['remark']}"
-            for frame in frames
-            for target in frame["targets"]
-            if target["remark"]
+            [
+                *([] if realtime is None else [realtime.sentence()]),
+                *(
+                    f"{target['view_id']}: {target['remark']}"
+                    for frame in frames
+                    for target in frame["targets"]
+                    if target["remark"]
+                ),
+            ]
         ),
         "warnings": distinct(
             [*info.warnings, *(text for frame in frames for text in frame["warnings"])]
         ),
     }
+
+
+def _realtime(job: Job, info: SceneInfo, frames: Sequence[Mapping[str, Any]]) -> Account | None:
+    """Return what came of holding a rate; None where none was to be held."""
+    if not job.settings.realtime:
+        return None
+    records = [frame["realtime"] for frame in frames]
+    return account_of(
+        job.settings.rate or float(info.fps),
+        ((record["dropped"], record["rung"]) for record in records),
+    )
 
 
 def _one_or_mixed(values: Sequence[str]) -> str:

@@ -16,7 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -26,8 +26,10 @@ from pipeline.errors import SceneError
 from pipeline.events import Event, SegmentFinished, Warned
 from pipeline.frames import MultiViewFrame
 from pipeline.job import Job, Segment
+from pipeline.media.info import SceneInfo
 from pipeline.media.media_sink import MediaSink
 from pipeline.media.source import FrameSource, open_scene
+from pipeline.realtime import Controller, paced
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.report import depth_origin, to_plain
 from pipeline.results import FrameResult
@@ -147,10 +149,14 @@ class LocalEngine:
             def stage(items: Iterable[Item], name: str) -> Iterator[Item]:
                 return stages.enter_context(closing(Ahead(items, name=f"depthsr-{name}")))
 
-            registered = line.register(stage(line.read(self._source, segments), "read"))
-            if thread_count() > 1:
-                registered = stage(registered, "register")
-            done = stage(line.reconstruct(registered), "reconstruct")
+            frames = stage(line.read(self._source, segments), "read")
+            if work.job.settings.realtime:
+                done = stage(hold_rate(line, frames, self._source.info), "hold-rate")
+            else:
+                registered = line.register(frames)
+                if thread_count() > 1:
+                    registered = stage(registered, "register")
+                done = stage(line.reconstruct(registered), "reconstruct")
             try:
                 for segment in segments:
                     self._write(work, segment, done, on_event, stop)
@@ -182,6 +188,8 @@ class LocalEngine:
                     begin = clock()
                     write_debug_pictures(debug_dir, item.result, work.job.settings.grid)
                     account["timings"]["debug pictures"] = clock() - begin
+                if item.realtime is not None:
+                    account["realtime"] = to_plain(item.realtime)
                 accounts.append(account)
                 for text in item.result.report.warnings:
                     on_event(Warned(text=text))
@@ -229,6 +237,21 @@ class _DoneFrame:
     result: FrameResult
     timings: Mapping[str, float]
     depth: Mapping[str, str]
+    realtime: RealtimeRecord | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealtimeRecord:
+    """What was left out of a frame so that the rate was held."""
+
+    dropped: bool
+    """Not computed: the frame before it is shown again."""
+    rung: str
+    """How much went into it, in words."""
+    repeated: tuple[str, ...]
+    """Views whose picture is that of an earlier frame."""
+    late: float
+    """Seconds after its time when it was begun."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -253,7 +276,8 @@ class _Line:
                 expected += 1
                 yield _ReadFrame(
                     segment=segment, frame=frame, seconds=self.clock() - begin,
-                    begins=frame.frame_index == first,
+                    begins=frame.frame_index == first
+                    and (segment is segments[0] or not self.work.job.settings.realtime),
                 )  # fmt: skip
                 begin = self.clock()
             if expected != segment.stop:
@@ -281,6 +305,46 @@ class _Line:
             )
 
 
+def hold_rate(line: _Line, frames: Iterable[_ReadFrame], info: SceneInfo) -> Iterator[_DoneFrame]:
+    """Yield frames as a live stream would have them: see :mod:`pipeline.realtime`.
+
+    One chain goes through all segments. A frame that is dropped, and an eye that is left out,
+    show their last picture again.
+    """
+    targets = line.work.plan.targets
+    controller = Controller(
+        rate=line.work.job.settings.rate or float(info.fps),
+        num_views=len(info.view_ids),
+        num_eyes=len(targets),
+    )
+    last: FrameResult | None = None
+    for item, choice in paced(frames, controller, line.clock):
+        begin = line.clock()
+        frame = item.frame
+        made: tuple[str, ...] = ()
+        if choice.drop and last is not None:
+            report = replace(last.report, frame_index=frame.frame_index, timings={})
+            last = replace(last, frame_index=frame.frame_index, report=report, debug={})
+        else:
+            made = targets if choice.both_eyes or last is None else targets[: -(-len(targets) // 2)]
+            result = line.worker.take(frame, targets=made, effort=choice.effort)
+            images = {} if last is None else last.images
+            last = replace(result, images={**images, **result.images})
+        yield _DoneFrame(
+            result=last,
+            timings={
+                "decode": item.seconds, **last.report.timings, "frame": line.clock() - begin,
+            },
+            depth=depth_origin(frame),
+            realtime=RealtimeRecord(
+                dropped=choice.drop,
+                rung=str(choice.rung),
+                repeated=tuple(target for target in targets if target not in made),
+                late=max(0.0, choice.late),
+            ),
+        )  # fmt: skip
+
+
 def open_source(job: Job, open_scene: Callable[..., FrameSource] = open_scene) -> FrameSource:
     """Return the scene of a job, open."""
     options = job.input
@@ -303,6 +367,7 @@ def is_finished(files: SegmentFiles, sink: Sink, segment: Segment) -> bool:
 
 def first_frame(work: Work, segment: Segment) -> int:
     """Return the frame a segment's chain begins with: the segment's own, or one to warm up."""
-    if work.job.settings.temporal == "cold":
+    settings = work.job.settings
+    if settings.temporal == "cold" or settings.realtime:
         return segment.start
     return max(segment.start - WARM_UP, work.frames.start)

@@ -440,3 +440,53 @@ def test_output_must_be_named(tmp_path):
         OutputOptions()
     check_outputs(_job(tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
+
+
+def test_a_rate_that_is_too_high_is_held_by_dropping_and_says_so(tmp_path):
+    """Ten frames at once do not fit; every frame is in the file, and accounted for."""
+
+    class Slow(worker(enlarge)):
+        def take(self, frame, *, targets, effort):
+            time.sleep(0.05)
+            result = enlarge(frame, self.settings, targets=targets)
+            return dataclasses.replace(
+                result, report=dataclasses.replace(result.report, effort=effort)
+            )
+
+    sinks: list[MemorySink] = []
+    settings = Settings(temporal="warm", realtime=True, rate=200.0)
+    job = _job(tmp_path, settings=settings, report=tmp_path / "report.json", segment_length=8)
+    summary = run_job(job, tools=_tools(_frames(60), sinks=sinks, make_worker=Slow))
+    assert _numbers(tmp_path / "out.mkv") == list(range(5, 65))
+    records = [frame["realtime"] for frame in summary.report["frames"]]
+    dropped = [record["dropped"] for record in records]
+    assert 30 < sum(dropped) < 60
+    assert not dropped[0]
+    account = summary.report["realtime"]
+    assert account["dropped"] == sum(dropped)
+    assert sum(account["frames_by_rung"].values()) == 60 - sum(dropped)
+    assert f"60 frames computed, {sum(dropped)} dropped" in summary.report["remarks"][0]
+    for before, now, record in zip(
+        sinks[0].results, sinks[0].results[1:], records[1:], strict=False
+    ):
+        assert list(now.images) == ["cam0", "cam1"]
+        same = [eye for eye in now.images if now.images[eye] is before.images[eye]]
+        assert same == record["repeated"]
+
+
+def test_a_rate_that_is_low_enough_changes_nothing(tmp_path):
+    class Quick(worker(enlarge)):
+        def take(self, frame, *, targets, effort):
+            assert effort.is_full
+            return enlarge(frame, self.settings, targets=targets)
+
+    settings = Settings(temporal="warm", realtime=True, rate=0.01)
+    summary = run_job(
+        _job(tmp_path, settings=settings), tools=_tools(_frames(5), make_worker=Quick)
+    )
+    assert summary.report["realtime"]["frames_by_rung"] == {"full quality": 5}
+
+
+def test_holding_a_rate_needs_warm_frames():
+    with pytest.raises(ConfigurationError, match="--temporal: must be warm with --realtime"):
+        Settings(realtime=True)
