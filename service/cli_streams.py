@@ -193,12 +193,12 @@ def _run_publish(arguments: argparse.Namespace) -> int:
     kinds = {"jpeg": PictureEncoding.JPEG, "png": PictureEncoding.PNG, "raw": PictureEncoding.RAW}
     with (
         _until_signal() as stop,
-        LiveSource(scene, encoding=kinds.get(arguments.encoding)) as source,
+        LiveSource(scene, encoding=kinds.get(arguments.encoding), fps=arguments.rate) as source,
         _connected(arguments) as bus,
     ):
         manifest = source.manifest
         playing = Playing(
-            rate=arguments.rate or manifest.fps,
+            rate=manifest.fps,
             loop=arguments.loop,
             jitter=arguments.jitter,
             loss=arguments.loss,
@@ -255,6 +255,7 @@ def _to_file(path: Path, units: Iterator[Any]) -> int:
     first = next(units, None)
     if first is None:
         return 0
+    _note(f"{first.width}×{first.height}, {float(first.fps):g} frames a second")
     with live_file(path, first.fps) as file:
         file.add(first.data, first.position, is_key=first.is_key)
         last, shift = first.position, 0

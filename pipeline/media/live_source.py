@@ -8,6 +8,7 @@ the scene, number for number.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,8 @@ class LiveSource:
         How colour is sent; None: as it lies on disk where that is PNG or JPEG, else JPEG.
     quality : int
         Of JPEG, 1 to 100.
+    fps : Fraction or None
+        Frames a second; None: the scene's.
 
     Raises
     ------
@@ -71,7 +74,9 @@ class LiveSource:
         *,
         encoding: PictureEncoding | None = None,
         quality: int = 92,
+        fps: Fraction | None = None,
     ) -> None:
+        self._fps = fps
         self._scene, self._encoding, self._quality = scene, encoding, quality
         self._videos = OpenVideos()
         try:
@@ -143,7 +148,9 @@ class LiveSource:
                 depth, kind=DepthKind.INVERSE_DEPTH, scale=1.0, offset=0.0, unknown=None,
                 is_world_z=False,
             )  # fmt: skip
-        fps = scene.fps or next((v.color.fps for v in self._views if v.color.fps), None)
+        fps = (
+            self._fps or scene.fps or next((v.color.fps for v in self._views if v.color.fps), None)
+        )
         return without_paths(replace(scene, views=stand_ins, depth=depth, fps=fps))
 
     def _color(self, view: _OpenView, frame_index: int) -> EncodedPicture:

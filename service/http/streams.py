@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Request, Response
 from fastapi import Path as InPath
+from fastapi.requests import HTTPConnection
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.bus import keys
@@ -150,7 +151,7 @@ def delete(request: Request, client: Submitter, stream: StreamName) -> None:
         raise ProblemError("not-found", str(error)) from None
 
 
-def find(request: Request, client: Client, stream: str) -> Stream:
+def find(connection: HTTPConnection, client: Client, stream: str) -> Stream:
     """Return a stream that the client may see.
 
     Raises
@@ -158,7 +159,7 @@ def find(request: Request, client: Client, stream: str) -> Stream:
     ProblemError
         ``not-found``.
     """
-    item = request.app.state.streams.get(stream)
+    item: Stream | None = connection.app.state.streams.get(stream)
     if item is None or not _may_see(item, client):
         raise ProblemError("not-found", "there is no such stream")
     return item

@@ -25,6 +25,7 @@ from service.http.auth import Client, identify, require
 from service.http.files import matches, send_file, tag_of, unchanged
 from service.http.jobs import find_job
 from service.http.problems import ProblemError, responses
+from service.http.streams import find as find_stream
 from service.live.broadcast import Broadcast, Gap
 from service.live.fragments import Fragment, Init, read_init
 from service.live.job_watch import broadcast_name, job_track
@@ -98,8 +99,9 @@ def _programme(connection: HTTPConnection, kind: Kind, name: str, client: Client
     if kind == "jobs":
         job = find_job(connection, name, client)
         return _Programme(kind=kind, name=job.id, job=job, state=state)
-    if state.broadcasts.get(broadcast_name(kind, name, "result")) is None:
-        raise ProblemError("not-found", "there is no such stream")
+    on_air = state.broadcasts.get(broadcast_name(kind, name, "result")) is not None
+    if state.streams.get(name) is not None or not on_air:
+        find_stream(connection, client, name)
     return _Programme(kind=kind, name=name, job=None, state=state)
 
 

@@ -66,8 +66,9 @@ def _of_each(items: list[Stream]) -> Iterable[Metric]:
         rate_out.add_metric([item.id], status["fps_out"])
         frames.add_metric([item.id], status["frames_done"])
         size.add_metric([item.id], status["bytes_out"])
-        for reason in DROPS:
-            drops.add_metric([item.id, reason], status["counts"][reason])
+        dropped = {**status["counts"], "frames_too_late": status["frames_too_late"]}
+        for reason in (*DROPS, "frames_too_late"):
+            drops.add_metric([item.id, reason], dropped[reason])
         for stage, values in status["latency"].items():
             for quantile, name in (("0.5", "median_ms"), ("0.95", "p95_ms")):
                 latency.add_metric([item.id, stage, quantile], values[name] / 1000)

@@ -35,6 +35,7 @@ class StreamOptions:
     skewed: str = setting("use", "a frame whose capture times differ by more", choices=RULES)
     quality: int = setting(20, "CRF of the H.264 video, 0 (lossless) to 51")
     jpeg_quality: int = setting(90, "quality of JPEG pictures, 1 to 100")
+    real_time: bool = setting(True, "leave work out of frames where the rate asks for it")
     idle: float = setting(60.0, "silence after which the worker is ended", unit="seconds")
 
     def __post_init__(self) -> None:

@@ -20,6 +20,7 @@ from pipeline.errors import Interrupted, PipelineError, SceneError
 from pipeline.frames import MultiViewFrame
 from pipeline.media.live_frames import LiveFrames
 from pipeline.media.live_manifest import LiveManifest
+from pipeline.realtime import Choice, Controller, Rung
 from pipeline.results import FrameResult, SuperResolvedImage
 from pipeline.stereo import Picture
 from pipeline.worker import Worker
@@ -114,6 +115,9 @@ class StreamSession:
         self._clock, self._wall = clock, wall
         self._on_status = on_status
         self._frames = LiveFrames(manifest, max_pixels=limits.max_pixels)
+        self._controller = Controller(rate=float(manifest.fps), num_views=len(manifest.view_ids))
+        self._eyes: dict[str, Picture] = {}
+        """The last picture of each eye."""
         self._latency = Latency()
         self._history: deque[dict[str, Any]] = deque(maxlen=KEEP_HISTORY)
         self._progress = Progress()
@@ -192,6 +196,8 @@ class StreamSession:
             "fps_out": progress.departures.value(now),
             "frames_done": progress.frames_done,
             "frames_failed": progress.frames_failed,
+            "frames_too_late": self._controller.dropped if self.options.real_time else 0,
+            "frames_by_effort": dict(self._controller.account.frames_by_rung),
             "pictures_refused": progress.pictures_refused,
             "bytes_out": progress.bytes_out,
             "width": None if progress.size is None else progress.size[0],
@@ -238,9 +244,13 @@ class StreamSession:
         progress.arrivals.add(marks[-1])
         self._capture_delay = round((self._wall() - assembled.capture_time_ns) / 1e6, 1)
         try:
+            choice = self._controller.begin(marks[1] - marks[0])
+            if choice.drop and self.options.real_time:
+                self._account(assembled, {}, problem="too late")
+                return
             frame = self._decoded(assembled)
             marks.append(self._clock())
-            result = self._worker.take(frame)
+            result = self._superresolved(frame, choice)
             marks.append(self._clock())
             sent = self._outlets.send(self._finished(result, assembled))
         except Interrupted:
@@ -258,12 +268,14 @@ class StreamSession:
             **sent.seconds,
             "total": end - marks[0],
         }
+        if progress.frames_done:  # the first one compiles and starts cold
+            self._controller.end(choice, end - marks[1])
         progress.frames_done += 1
         progress.bytes_out += sent.bytes
         progress.size = sent.size
         progress.departures.add(end)
         self._latency.add(seconds)
-        self._account(assembled, seconds)
+        self._account(assembled, seconds, effort=self._words(choice))
 
     def _decoded(self, assembled: AssembledFrame) -> MultiViewFrame:
         """Return the frame; pictures that cannot be used are left out as if they had not come."""
@@ -284,18 +296,38 @@ class StreamSession:
             )
         return self._frames.frame(assembled.frame_index, decoded)
 
-    def _finished(self, result: FrameResult, assembled: AssembledFrame) -> FinishedFrame:
+    def _superresolved(self, frame: MultiViewFrame, choice: Choice) -> FrameResult:
+        """Return the result with the effort chosen; all of it where no rate is to be held."""
+        if not self.options.real_time:
+            return self._worker.take(frame)
         left, right = self.manifest.pair
+        both = choice.both_eyes or right not in self._eyes
+        targets = (left, right) if both else (left,)
+        return self._worker.take(frame, targets=targets, effort=choice.effort)
+
+    def _words(self, choice: Choice) -> str:
+        """Return what was left out of a frame."""
+        return str(choice.rung) if self.options.real_time else str(Rung())
+
+    def _finished(self, result: FrameResult, assembled: AssembledFrame) -> FinishedFrame:
+        """Return the pictures of both eyes; one that was left out shows its last picture."""
+        left, right = self.manifest.pair
+        self._eyes |= {view: _picture(image) for view, image in result.images.items()}
         return FinishedFrame(
-            left=_picture(result.images[left]),
-            right=_picture(result.images[right]),
+            left=self._eyes[left],
+            right=self._eyes[right],
             frame_index=assembled.frame_index,
             position=assembled.position,
             capture_time_ns=assembled.capture_time_ns,
         )
 
     def _account(
-        self, assembled: AssembledFrame, seconds: dict[str, float], problem: str | None = None
+        self,
+        assembled: AssembledFrame,
+        seconds: dict[str, float],
+        *,
+        problem: str | None = None,
+        effort: str | None = None,
     ) -> None:
         self._history.append(
             {
@@ -305,6 +337,7 @@ class StreamSession:
                 "assembly_ms": round(1000 * (assembled.last_arrived - assembled.first_arrived), 1),
                 "missing": named(assembled.missing),
                 "stages_ms": {name: round(1000 * value, 1) for name, value in seconds.items()},
+                "effort": effort,
                 "problem": problem,
             }
         )

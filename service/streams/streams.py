@@ -11,6 +11,7 @@ import contextlib
 import json
 import logging
 import queue
+import secrets
 import shutil
 import tempfile
 import threading
@@ -157,6 +158,8 @@ class Streams:
         self._closing = False
         self._bus: Bus | None = None
         self._private: str | None = None
+        """Folder of the socket that only our workers can open."""
+        self._user, self._password = f"worker-{secrets.token_hex(4)}", secrets.token_hex(16)
         self.refused = 0
         """Manifests that were not taken."""
         self.losses = 0
@@ -287,13 +290,11 @@ class Streams:
 
     def _open(self) -> None:
         config = self.config.bus()
-        if config.mode != "client" and self._private is None:
-            self._private = tempfile.mkdtemp(prefix="depthsr-")
-        listen = config.listen
-        if self._private is not None:
-            listen = (*listen, f"unixsock-stream/{self._private}/bus")
+        ours = config
+        if config.mode != "client":
+            ours = self._with_private_door(config)
         try:
-            bus = self._open_bus(replace(config, listen=listen))
+            bus = self._open_bus(ours)
         except BusError as error:
             if self.problem != str(error):
                 log.warning("streams: %s", error)
@@ -308,6 +309,19 @@ class Streams:
         log.info("streams: zenoh is open", extra={"endpoints": where})
         for sample in bus.ask(keys.MANIFESTS, timeout=1.0):
             self._hear_manifest(sample)
+
+    def _with_private_door(self, config: BusConfig) -> BusConfig:
+        """Return the settings with a socket for our workers, and a user where users are asked."""
+        if self._private is None:
+            self._private = tempfile.mkdtemp(prefix="depthsr-")
+        users = None
+        if config.users_file is not None:
+            users = Path(self._private) / "users"
+            users.touch(mode=0o600)
+            known = config.users_file.read_text(encoding="utf-8").rstrip("\n")
+            users.write_text(f"{known}\n{self._user}:{self._password}\n", encoding="utf-8")
+        listen = (*config.listen, f"unixsock-stream/{self._private}/bus")
+        return replace(config, listen=listen, users_file=users)
 
     def _listed(self) -> list[dict[str, Any]]:
         return [
@@ -458,14 +472,15 @@ class Streams:
     def _workers_bus(self) -> BusConfig:
         """Return how our workers reach the bus: by a socket of our own where we listen."""
         config = self.config.bus()
-        connect = config.connect
-        if self._private is not None:
-            connect = (f"unixsock-stream/{self._private}/bus",)
+        if self._private is None:
+            return replace(config, listen=())
+        is_asked = config.users_file is not None
         return BusConfig(
-            mode="client", connect=connect, ca=config.ca, certificate=config.certificate,
-            key=config.key, mutual_tls=config.mutual_tls, user=config.user,
-            password=config.password, max_message=config.max_message,
-        )  # fmt: skip
+            connect=(f"unixsock-stream/{self._private}/bus",),
+            user=self._user if is_asked else None,
+            password=self._password if is_asked else None,
+            max_message=config.max_message,
+        )
 
     # Threads of the workers
 

@@ -44,7 +44,11 @@ def expected(tiny_scene):
 
 def test_a_scene_is_published_served_and_received(make_stage, tiny_scene, expected, tmp_path):
     stage = make_stage()
-    asked = {"id": "tiny", "settings": {"temporal": "cold"}, "options": {"quality": 1}}
+    asked = {
+        "id": "tiny",
+        "settings": {"temporal": "cold"},
+        "options": {"quality": 1, "real_time": False},
+    }
     made = httpx.post(f"{stage.service.url}/api/v1/streams", json=asked, timeout=30)
     assert (made.status_code, made.headers["location"]) == (201, "/api/v1/streams/tiny")
     assert made.json()["state"] == "waiting"

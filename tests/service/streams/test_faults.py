@@ -1,0 +1,211 @@
+"""One stream through everything that can go wrong around it, with real processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+
+import av
+import httpx
+import pytest
+
+from service.bus import keys
+from service.bus.bus import JPEG, JSON, PNG, RAW
+from service.bus.keys import Output, Part
+from service.streams.messages import InputHeader, write_input_header
+from service.streams.receiver import Receiver
+from tests.service.conftest import LiveService
+from tests.service.streams.conftest import PATIENCE, Stage, free_endpoint, until
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory, tiny_scene):
+    """A service, and a scene that is played in a loop, with jitter."""
+    folder = tmp_path_factory.mktemp("faults")
+    endpoint = free_endpoint()
+    options = (
+        "--zenoh", "router", "--zenoh-listen", endpoint, "--worker-threads", "1",
+        "--max-payload", "1", "--max-rate", "30", "--max-streams", "1",
+    )  # fmt: skip
+    service = LiveService(folder / "data", options).start()
+    stage = Stage(service, endpoint)
+    stage.run(
+        "publish", str(tiny_scene), "--stream", "tiny", "--rate", "6", "--loop", "--jitter", "0.05"
+    )
+    until(lambda: stage.state("tiny") == "live")
+    yield stage
+    stage.end()
+    if service.process.poll() is None:
+        service.end(signal.SIGKILL)
+
+
+def _counts(stage):
+    return stage.status("tiny")["status"]["counts"]
+
+
+def _units(stage, count, stream="tiny"):
+    """Receive so many access units in this process."""
+    import threading
+
+    stop = threading.Event()
+    found = []
+    with stage.bus() as bus:
+        for unit in Receiver(bus, stream).units(stop=stop, timeout=PATIENCE):
+            found.append(unit)
+            if len(found) == count:
+                break
+    return found
+
+
+def _decoded(units):
+    decoder = av.CodecContext.create("h264", "r")
+    frames = [frame for unit in units for frame in decoder.decode(av.Packet(unit.data))]
+    return frames + decoder.decode(None)
+
+
+def test_who_joins_late_can_decode_from_the_first_message(stage):
+    units = _units(stage, 8)
+    assert units[0].is_key
+    sequences = [unit.sequence for unit in units]
+    assert sequences == list(range(sequences[0], sequences[0] + 8))
+    frames = _decoded(units)
+    assert len(frames) == 8
+    assert {(frame.width, frame.height) for frame in frames} == {(units[0].width, units[0].height)}
+
+
+def test_simple_clients_get_pictures_and_answers(stage):
+    with stage.bus() as bus:
+        seen = {}
+        for which in (Output.SBS_JPEG, Output.LEFT, Output.RIGHT):
+            bus.subscribe(keys.output("tiny", which), lambda s, w=which: seen.update({w: s}))
+        until(lambda: len(seen) == 3)
+        for which, sample in seen.items():
+            said = json.loads(sample.attachment)
+            decoder = av.CodecContext.create("mjpeg", "r")
+            (frame,) = decoder.decode(av.Packet(sample.read()))
+            assert sample.encoding == JPEG
+            assert (frame.width, frame.height) == (said["width"], said["height"])
+            assert said["layout"] == ("sbs" if which is Output.SBS_JPEG else which.value)
+            (answer,) = bus.ask(keys.output("tiny", which))
+            assert answer.read()[:2] == b"\xff\xd8"
+        (info,) = bus.ask(keys.info("tiny"))
+        assert (
+            json.loads(info.read())["width"]
+            == json.loads(seen[Output.SBS_JPEG].attachment)["width"]
+        )
+        (history,) = bus.ask(f"{keys.history('tiny')}?limit=3")
+        assert len(json.loads(history.read())) == 3
+        assert list(bus.who_lives(keys.alive("tiny"))) == [keys.alive("tiny")]
+        (streams,) = bus.ask(keys.SERVICE)
+        assert [item["stream"] for item in json.loads(streams.read())] == ["tiny"]
+
+
+def test_what_is_malformed_is_counted_and_harms_nobody(stage):
+    before = _counts(stage)
+    good = write_input_header(InputHeader(frame_index=1 << 40, capture_time_ns=1))
+    raw = write_input_header(
+        InputHeader(frame_index=1 << 40, capture_time_ns=1, width=9, height=9, pixel_format="gray")
+    )
+    with stage.bus() as bus:
+        for number in range(20):
+            color = keys.input_key("tiny", "cam0", Part.COLOR)
+            bus.put(color, os.urandom(5000), encoding=JPEG, attachment=good)
+            bus.put(color, b"", encoding="text/plain", attachment=good)
+            bus.put(color, b"x", encoding=PNG, attachment=b"{")
+            bus.put(color, b"x", encoding=PNG, attachment=b"%d" % number)
+            bus.put(color, b"x", encoding=RAW, attachment=raw)
+            bus.put("depthsr/tiny/in/cam0/smell", b"x", encoding=PNG, attachment=good)
+            bus.put("depthsr/tiny/in/nobody/color", b"x", encoding=PNG, attachment=good)
+            bus.put(f"depthsr/bad{number}/in/manifest", os.urandom(100), encoding=JSON)
+        bus.put(color, bytes(1_040_000) + bytes(20_000), encoding=JPEG, attachment=good)
+        refused = []
+        bus.subscribe(keys.status("other"), lambda s: refused.append(json.loads(s.read())))
+        manifest = {"format": "depthsr-scene/1", "views": [{"id": "a"}, {"id": "b"}]}
+        time.sleep(0.5)
+        bus.put("depthsr/other/in/manifest", json.dumps(manifest).encode(), encoding=JSON)
+        until(lambda: refused)
+    assert refused[0]["state"] == "refused"
+    assert "1 streams are there already" in refused[0]["problem"]["detail"]
+    until(lambda: _counts(stage)["malformed"] >= before["malformed"] + 80)
+    until(lambda: _counts(stage)["parts_unknown"] >= before["parts_unknown"] + 20)
+    until(lambda: _counts(stage)["too_large"] > before["too_large"])
+    done = stage.status("tiny")["status"]["frames_done"]
+    until(lambda: stage.status("tiny")["status"]["frames_done"] > done + 5)
+    assert stage.status("tiny")["run"] == 1
+    text = httpx.get(f"{stage.service.url}/metrics", timeout=30).text
+    assert 'depthsr_stream_dropped_total{reason="malformed",stream="tiny"}' in text
+    assert 'depthsr_streams{state="live"} 1.0' in text
+    assert "depthsr_manifests_refused_total" in text
+
+
+def test_a_flood_is_dropped_before_it_is_copied(stage):
+    before = _counts(stage)["too_many"]
+    header = write_input_header(InputHeader(frame_index=5, capture_time_ns=1))
+    with stage.bus() as bus:
+        publisher = bus.publisher(keys.input_key("tiny", "cam1", Part.COLOR), encoding=PNG)
+
+        def flooded():
+            for _ in range(500):
+                publisher.put(bytes(2_000), header)
+            return _counts(stage)["too_many"] > before
+
+        until(flooded)
+    done = stage.status("tiny")["status"]["frames_done"]
+    until(lambda: stage.status("tiny")["status"]["frames_done"] > done + 5)
+
+
+def test_a_killed_worker_is_replaced_and_the_gap_is_seen(stage, tmp_path):
+    target = tmp_path / "out.mkv"
+    receiver = stage.run("subscribe", "tiny", "-o", str(target))
+    assert "frames a second" in receiver.stderr.readline()
+    os.kill(stage.worker("tiny"), signal.SIGKILL)
+    assert "started anew" in receiver.stderr.readline()
+    assert stage.status("tiny")["run"] == 2
+    time.sleep(1)
+    receiver.send_signal(signal.SIGINT)
+    _, said = receiver.communicate(timeout=PATIENCE)
+    assert receiver.returncode == 0, said
+    with av.open(str(target)) as container:
+        assert sum(1 for _ in container.decode(video=0)) > 1
+    text = httpx.get(f"{stage.service.url}/metrics", timeout=30).text
+    assert "depthsr_stream_workers_lost_total 1.0" in text
+
+
+def test_stopped_over_http_it_stays_stopped_until_it_is_made_again(stage):
+    url = f"{stage.service.url}/api/v1/streams"
+    assert httpx.post(f"{url}/tiny/stop", timeout=30).json()["state"] == "stopped"
+    until(lambda: not stage.worker("tiny"))
+    time.sleep(2.5)  # the source has sent its manifest again
+    assert stage.state("tiny") == "stopped"
+    made = httpx.post(url, json={"id": "tiny", "options": {"quality": 30}}, timeout=30)
+    assert made.status_code == 201, made.text
+    assert made.json()["run"] == 2
+    until(lambda: stage.state("tiny") == "live")
+    assert httpx.post(url, json={"id": "tiny"}, timeout=30).status_code == 409
+    assert httpx.post(url, json={"id": "more"}, timeout=30).status_code == 429
+    wrong = httpx.post(url, json={"id": "more", "settings": {"magnification": "9"}}, timeout=30)
+    assert wrong.status_code == 422
+
+
+def test_the_service_ends_in_its_time_with_sources_and_subscribers_there(stage):
+    receiver = stage.run("subscribe", "tiny")
+    stalled = stage.run("subscribe", "tiny")
+    for process in (receiver, stalled):
+        assert "sequence" in process.stdout.readline()
+    stalled.send_signal(signal.SIGSTOP)
+    worker = stage.worker("tiny")
+    begin = time.monotonic()
+    try:
+        assert stage.service.end(timeout=30) in (0, -signal.SIGTERM)
+        assert time.monotonic() - begin < 12
+    finally:
+        stalled.kill()
+    assert not os.path.exists(f"/proc/{worker}")
+    begin = time.monotonic()
+    for process in (receiver, *stage.started[:1]):
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=30)
+        assert process.returncode == 0
+    assert time.monotonic() - begin < 15
