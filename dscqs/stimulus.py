@@ -190,3 +190,19 @@ def _number(data: bytes, at: int, *, keep_marker: bool) -> tuple[int, int]:
     if not keep_marker:
         value &= (1 << 7 * length) - 1
     return value, at + length
+
+
+def signature(data: bytes) -> str:
+    """Return what a file and every serving of it have in common: a hash of the coded picture."""
+    if data.startswith(_PNG_MAGIC):
+        at, coded = len(_PNG_MAGIC), hashlib.sha256()
+        while at < len(data):
+            (length,) = struct.unpack_from(">I", data, at)
+            if data[at + 4 : at + 8] == b"IDAT":
+                coded.update(memoryview(data)[at + 8 : at + 8 + length])
+            at += 12 + length
+        return coded.hexdigest()
+    clusters = [
+        data[start:end] for name, start, end in _elements(data, 0, len(data)) if name == _CLUSTER
+    ]
+    return digest(b"".join(clusters))

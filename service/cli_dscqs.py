@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from service.cli_dscqs_tests import add_tests
+from service.cli_simulate import add_simulate
 from service.console import EXIT_DONE
 
 
@@ -20,6 +21,7 @@ def add_dscqs(commands: Any) -> None:
     )
     subcommands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     add_tests(subcommands)
+    add_simulate(subcommands)
     _add_analyse(subcommands)
     _add_export(subcommands)
 
