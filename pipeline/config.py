@@ -21,6 +21,9 @@ REGISTRATION_PRESETS = (
 )  # fmt: skip
 """``default`` is our best; a…l are the methods of thesis Table 1 (it has no row i)."""
 
+CALIBRATED_PRESETS = ("e", "calibration-only")
+"""Those that start from camera matrices, which say nothing of how the rig itself moves."""
+
 MAGNIFICATIONS = ("2", "3", "4", "2x1", "1x2")
 """K, or K along x, then along y: 2x1 restores halves side by side, 1x2 halves top and bottom."""
 
@@ -111,6 +114,9 @@ class Settings:
         "cold", "whether a frame of a video starts from the one before it",
         choices=("cold", "warm"),
     )  # fmt: skip
+    temporal_window: int = setting(
+        0, "frames before and after each one whose pixels are further constraints", unit="frames"
+    )
     realtime: bool = setting(
         False, "hold the rate of a live stream: leave out work, and frames where that is not enough"
     )
@@ -149,6 +155,12 @@ class Settings:
         noise = self.noise_sigma
         _check(noise is None or 0 <= noise <= 64, "noise_sigma", "0 to 64 grey levels", noise)
         _check(0 <= self.threads <= 256, "threads", "0 to 256", self.threads)
+        window = self.temporal_window
+        _check(0 <= window <= 2, "temporal_window", "0 to 2", window)
+        _check(
+            window == 0 or self.registration not in CALIBRATED_PRESETS,
+            "temporal_window", f"0 with --registration {self.registration}", window,
+        )  # fmt: skip
         rate = self.rate
         _check(rate is None or 0 < rate <= 1000, "rate", "above 0, up to 1000", rate)
         _check(

@@ -102,6 +102,7 @@ def evaluate_set1(
     methods: Sequence[str] = METHODS,
     settings: Settings | None = None,
     border: int = BORDER,
+    neighbours: Sequence[MultiViewFrame] = (),
     on_method: Callable[[str, str], None] = lambda view_id, method: None,
     superresolve: Callable[..., Any] = superresolve,
 ) -> Set1Result:
@@ -123,6 +124,8 @@ def evaluate_set1(
         Settings other than grid and PSF (which the degradation fixes).
     border : int
         HR pixels cut at each border before measuring.
+    neighbours : sequence of MultiViewFrame
+        HR frames before and after, degraded likewise; the default method is given them.
     on_score : callable, optional
         Called with each score as it is there.
     superresolve : callable
@@ -152,6 +155,7 @@ def evaluate_set1(
             f"{border} HR pixels and measure"
         )
     base = settings_of(degradation, settings or Settings())
+    around = tuple(degraded_input(other, degradation).frame for other in neighbours)
     scores: list[Score] = []
     reports: list[tuple[str, str, FrameReport]] = []
     for view_id in targets:
@@ -160,7 +164,9 @@ def evaluate_set1(
         for method in methods:
             on_method(view_id, method)
             begin = time.perf_counter()
-            image, report = run_method(method, degraded, base, view_id, superresolve=superresolve)
+            image, report = run_method(
+                method, degraded, base, view_id, neighbours=around, superresolve=superresolve
+            )
             seconds = time.perf_counter() - begin
             eight_bit = np.clip(np.rint(image), 0, 255)
             of_view.append(
@@ -228,6 +234,23 @@ def format_table(result: Set1Result) -> str:
     return "\n".join(lines)
 
 
+def format_frames(results: Sequence[Set1Result]) -> str:
+    """Return the PSNR of several frames as an aligned table of text, and their mean."""
+    keys = [(score.view_id, score.method) for score in results[0].scores]
+    head = ("PSNR dB", *(f"{view_id} {method}" for view_id, method in keys))
+    columns = [[result.score(*key).psnr for result in results] for key in keys]
+    rows = [
+        (f"frame {result.frame_index}", *(f"{column[place]:.3f}" for column in columns))
+        for place, result in enumerate(results)
+    ]
+    rows.append(("mean", *(f"{sum(column) / len(column):.3f}" for column in columns)))
+    widths = [max(len(row[place]) for row in (head, *rows)) for place in range(len(head))]
+    return "\n".join(
+        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+        for row in (head, *rows)
+    )
+
+
 def degraded_input(frame: MultiViewFrame, degradation: Degradation) -> DegradedFrame:
     """Return the LR frame of Set 1 and its truth; missing depth is estimated from the LR views."""
     degraded = degrade_frame(frame, degradation)
@@ -257,6 +280,7 @@ def run_method(
     settings: Settings,
     view_id: str,
     *,
+    neighbours: tuple[MultiViewFrame, ...] = (),
     superresolve: Callable[..., Any] = superresolve,
 ) -> tuple[npt.NDArray[np.float32], FrameReport | None]:
     """Return what a method makes of one view, (K·H, K·W), and its report if it has one."""
@@ -265,8 +289,9 @@ def run_method(
     observed_views = (view_id,) if method == SINGLE_VIEW else None
     if method in SOLVER_METHODS:
         settings = replace(settings, solver=method)
+    more: dict[str, Any] = {"neighbours": neighbours} if neighbours and method == DEFAULT else {}
     result = superresolve(
-        degraded.frame, settings, targets=(view_id,), observed_views=observed_views
+        degraded.frame, settings, targets=(view_id,), observed_views=observed_views, **more
     )
     return result.images[view_id].luma, result.report
 

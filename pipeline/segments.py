@@ -36,6 +36,7 @@ from pipeline.results import FrameResult
 from pipeline.sink import OutputPlan, Sink
 from pipeline.stop import StopFlag
 from pipeline.superresolve import RegisteredFrame
+from pipeline.temporal.neighbours import in_windows
 from pipeline.threads import set_threads, thread_count
 from pipeline.worker import Worker
 from pipeline.workfolder import SegmentFiles
@@ -215,6 +216,8 @@ class LocalEngine:
 class _ReadFrame:
     segment: Segment
     frame: MultiViewFrame
+    neighbours: tuple[MultiViewFrame, ...]
+    """The frames around it whose pixels are constraints too."""
     seconds: float
     begins: bool
     """Whether a new chain begins with it."""
@@ -265,30 +268,43 @@ class _Line:
 
     def read(self, source: FrameSource, segments: Sequence[Segment]) -> Iterator[_ReadFrame]:
         """Yield the frames of the segments, each segment's warm-up before it."""
+        settings, frames = self.work.job.settings, self.work.frames
+        window = settings.temporal_window
         for segment in segments:
             begin = self.clock()
             first = first_frame(self.work, segment)
-            expected = first
-            for frame in source.frames(first, segment.stop):
-                self.stop.check()
-                if frame.frame_index != expected:
-                    break
-                expected += 1
+            wanted = range(
+                max(first - window, frames.start), min(segment.stop + window, frames.stop)
+            )
+            for frame, neighbours in in_windows(self._whole(source, wanted), window):
+                if not first <= frame.frame_index < segment.stop:
+                    continue
                 yield _ReadFrame(
-                    segment=segment, frame=frame, seconds=self.clock() - begin,
+                    segment=segment, frame=frame, neighbours=neighbours,
+                    seconds=self.clock() - begin,
                     begins=frame.frame_index == first
-                    and (segment is segments[0] or not self.work.job.settings.realtime),
+                    and (segment is segments[0] or not settings.realtime),
                 )  # fmt: skip
                 begin = self.clock()
-            if expected != segment.stop:
-                raise SceneError(f"frame {expected} is missing", path=self.work.job.scene)
+
+    def _whole(self, source: FrameSource, wanted: range) -> Iterator[MultiViewFrame]:
+        """Yield the frames wanted; raise SceneError where one is missing."""
+        expected = wanted.start
+        for frame in source.frames(wanted.start, wanted.stop):
+            self.stop.check()
+            if frame.frame_index != expected:
+                break
+            expected += 1
+            yield frame
+        if expected != wanted.stop:
+            raise SceneError(f"frame {expected} is missing", path=self.work.job.scene)
 
     def register(self, frames: Iterable[_ReadFrame]) -> Iterator[_HalfDoneFrame]:
         for item in frames:
             if item.begins:
                 self.worker.reset()
             begin = self.clock()
-            registered = self.worker.register(item.frame)
+            registered = self.worker.register(item.frame, neighbours=item.neighbours)
             yield _HalfDoneFrame(read=item, registered=registered, seconds=self.clock() - begin)
 
     def reconstruct(self, frames: Iterable[_HalfDoneFrame]) -> Iterator[_DoneFrame]:
@@ -327,7 +343,9 @@ def hold_rate(line: _Line, frames: Iterable[_ReadFrame], info: SceneInfo) -> Ite
             last = replace(last, frame_index=frame.frame_index, report=report, debug={})
         else:
             made = targets if choice.both_eyes or last is None else targets[: -(-len(targets) // 2)]
-            result = line.worker.take(frame, targets=made, effort=choice.effort)
+            result = line.worker.take(
+                frame, targets=made, effort=choice.effort, neighbours=item.neighbours
+            )
             images = {} if last is None else last.images
             last = replace(result, images={**images, **result.images})
         yield _DoneFrame(

@@ -46,6 +46,7 @@ from pipeline.results import (
     ViewReport,
 )
 from pipeline.temporal.initial import BlockMatch, StartChoice, match_blocks, warped
+from pipeline.temporal.neighbours import with_neighbours
 from pipeline.threads import map_threads, set_threads, stoppable
 
 PICTURE_LAYERS = 11
@@ -113,6 +114,7 @@ def superresolve(
     stop: Callable[[], bool] | None = None,
     memory: Memory | None = None,
     effort: Effort = FULL,
+    neighbours: Sequence[MultiViewFrame] = (),
 ) -> FrameResult:
     """Super-resolve reference views of one frame from all (or some) of its views.
 
@@ -134,7 +136,10 @@ def superresolve(
     memory : Memory, optional
         Of the chain of frames that this one goes on; it is brought up to date.
     effort : Effort
-        What may be left out, for a controller that holds a rate.
+        What may be left out, for a controller that holds a rate; where views are, neighbours
+        are too.
+    neighbours : sequence of MultiViewFrame
+        Frames before and after this one, whose pixels are further constraints.
 
     Returns
     -------
@@ -152,6 +157,7 @@ def superresolve(
     registered = register_frame(
         frame, settings, targets=targets, observed_views=observed_views, psf=psf,
         keep_intermediates=keep_intermediates, stop=stop, memory=memory, effort=effort,
+        neighbours=neighbours,
     )  # fmt: skip
     return reconstruct_frame(registered, stop=stop, memory=memory)
 
@@ -167,6 +173,7 @@ def register_frame(
     stop: Callable[[], bool] | None = None,
     memory: Memory | None = None,
     effort: Effort = FULL,
+    neighbours: Sequence[MultiViewFrame] = (),
 ) -> RegisteredFrame:
     """Do the first half of :func:`superresolve`, which takes the same parameters.
 
@@ -184,7 +191,12 @@ def register_frame(
     if effort.views is not None:
         in_order = [view.view_id for view in frame.views if view.view_id in sources]
         sources = nearest_views(in_order, targets, effort.views)
-    views = [frame.view(view_id) for view_id in dict.fromkeys((*targets, *sources))]
+    widened = frame
+    added: tuple[str, ...] = ()
+    if neighbours and effort.views is None:
+        widened, added = with_neighbours(frame, neighbours, sources)
+    observed = (*sources, *added)
+    views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
     noise = settings.noise_sigma
     if noise is None:
         noise = estimate_noise_of_views([frame.view(view_id) for view_id in sources])
@@ -202,14 +214,14 @@ def register_frame(
             matches = {}
         previous = None if memory is None else memory.previous
         keeps_motions = (
-            previous is not None and not effort.register and _covers(previous, targets, sources)
+            previous is not None and not effort.register and _covers(previous, targets, observed)
         )
         if previous is not None and keeps_motions:
             found = previous
-            registrations = _with_pixels_of(previous, frame, targets, sources)
+            registrations = _with_pixels_of(previous, widened, targets, observed)
         else:
             prepared, registrations = _registered(
-                frame, views, targets, sources, settings, method, noise, previous
+                frame, views, targets, observed, settings, method, noise, previous
             )
             found = Previous(prepared=prepared, registrations=registrations, turn=0)
     if memory is not None:

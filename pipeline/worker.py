@@ -56,6 +56,7 @@ class Worker:
         *,
         targets: tuple[str, ...] | None = None,
         effort: Effort = FULL,
+        neighbours: Sequence[MultiViewFrame] = (),
     ) -> FrameResult:
         """Return the result of the next frame; after an error the chain starts anew.
 
@@ -66,13 +67,15 @@ class Worker:
             was made of.
         effort : Effort
             What may be left out.
+        neighbours : sequence of MultiViewFrame
+            Frames before and after this one, whose pixels are further constraints.
         """
         groups, idle = self._groups(targets or self._targets)
 
         def compute(group: tuple[tuple[str, ...], Memory | None]) -> FrameResult:
             return superresolve(
                 frame, self.settings, targets=group[0], memory=group[1], effort=effort,
-                stop=self._stop, **self._arguments,
+                stop=self._stop, neighbours=neighbours, **self._arguments,
             )  # fmt: skip
 
         try:
@@ -105,12 +108,14 @@ class Worker:
             groups.append((new, Memory()))
         return groups, idle
 
-    def register(self, frame: MultiViewFrame) -> RegisteredFrame:
+    def register(
+        self, frame: MultiViewFrame, *, neighbours: Sequence[MultiViewFrame] = ()
+    ) -> RegisteredFrame:
         """Do the first half of the next frame; after an error the chain starts anew."""
         try:
             return register_frame(
                 frame, self.settings, targets=self._targets, stop=self._stop, memory=self._memory,
-                **self._arguments,
+                neighbours=neighbours, **self._arguments,
             )  # fmt: skip
         except BaseException:
             self.reset()

@@ -25,6 +25,7 @@ def add_evaluate(commands: Any) -> None:
 
 def _add_set1(protocols: Any) -> None:
     from pipeline.config import MAGNIFICATIONS, Settings
+    from pipeline.job import FrameRange
     from service.options import add_options
 
     parser = protocols.add_parser(
@@ -56,6 +57,10 @@ def _add_set1(protocols: Any) -> None:
     parser.add_argument(
         "--frame", type=int, metavar="N", help="source frame number (default: the scene's first)"
     )
+    parser.add_argument(
+        "--frames", type=FrameRange.parse, metavar="A:B",
+        help="half-open range of source frames, measured one after another, in place of --frame",
+    )  # fmt: skip
     parser.add_argument(
         "--view", default="left", metavar="VIEW",
         help="reference view: left, right, both, or a view id (default: left)",
@@ -144,7 +149,7 @@ def _numbers(text: str) -> tuple[float, ...]:
 def _run_set1(arguments: argparse.Namespace) -> int:
     from pipeline.config import Settings
     from pipeline.degradation import Degradation
-    from pipeline.evaluate import METHODS, evaluate_set1, format_table
+    from pipeline.evaluate import METHODS, evaluate_set1, format_frames, format_table
     from pipeline.media.files import check_writable, write_atomic
     from pipeline.media.source import open_scene
     from pipeline.report import strict_json, versions
@@ -169,35 +174,63 @@ def _run_set1(arguments: argparse.Namespace) -> int:
         check_writable(arguments.json)
     with open_scene(arguments.scene) as source, watching(arguments) as (stop, progress):
         info = source.info
-        number = info.frame_indices.start if arguments.frame is None else arguments.frame
-        if number not in info.frame_indices:
-            from pipeline.errors import ConfigurationError
-
-            raise ConfigurationError(
-                f"--frame: {number} is not within the scene's frames "
-                f"{info.frame_indices.start}:{info.frame_indices.stop}"
-            )
+        numbers = _frame_numbers(arguments, info.frame_indices)
         with stop.breakable():
             views = {"left": (info.left,), "right": (info.right,), "both": (info.left, info.right)}
-            result = evaluate_set1(
-                source.read(number),
-                degradation,
-                scene=arguments.scene.resolve().name,
-                views=views.get(arguments.view, (arguments.view,)),
-                methods=arguments.methods or METHODS,
-                settings=settings,
-                on_method=lambda view_id, method: progress.note(f"{view_id}: {method}"),
-            )
+            results = []
+            for number in numbers:
+                around = range(
+                    number - settings.temporal_window, number + settings.temporal_window + 1
+                )
+                results.append(
+                    evaluate_set1(
+                        source.read(number),
+                        degradation,
+                        scene=arguments.scene.resolve().name,
+                        views=views.get(arguments.view, (arguments.view,)),
+                        methods=arguments.methods or METHODS,
+                        settings=settings,
+                        neighbours=tuple(
+                            source.read(other)
+                            for other in around
+                            if other != number and other in info.frame_indices
+                        ),
+                        on_method=lambda view_id, method: progress.note(f"{view_id}: {method}"),
+                    )
+                )
     if arguments.json is not None:
         content = {
             "format": "depthsr-set1/1",
             "versions": versions(),
             "settings": settings,
-            **result.as_json(),
+            **(
+                results[0].as_json()
+                if arguments.frames is None
+                else {"frames": [result.as_json() for result in results]}
+            ),
         }
         write_atomic(arguments.json, strict_json(content).encode())
-    say(format_table(result))
+    for result in results:
+        say(format_table(result))
+    if len(results) > 1:
+        say(format_frames(results))
     return EXIT_DONE
+
+
+def _frame_numbers(arguments: argparse.Namespace, available: range) -> range:
+    """Return the source frames that are asked for; by default the first."""
+    from pipeline.errors import ConfigurationError
+
+    if arguments.frames is not None:
+        if arguments.frame is not None:
+            raise ConfigurationError("--frame, --frames: give one of them")
+        return arguments.frames.within(available)
+    number = available.start if arguments.frame is None else arguments.frame
+    if number not in available:
+        raise ConfigurationError(
+            f"--frame: {number} is not within the scene's frames {available.start}:{available.stop}"
+        )
+    return range(number, number + 1)
 
 
 def _run_all(arguments: argparse.Namespace) -> int:

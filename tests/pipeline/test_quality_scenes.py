@@ -97,3 +97,18 @@ def test_the_mean_gain_over_bicubic_without_noise(measure):
             gains.append(result.score(result.scores[0].view_id, "default").gain_over_bicubic)
     assert len(gains) == 10
     assert sum(gains) / len(gains) >= MEAN_OVER_BICUBIC
+
+
+@pytest.mark.parametrize("number", [0, 4])
+def test_frames_before_and_after_gain_on_a_moving_stereo_video(scenes_dir, number):
+    """Two views from a car: nothing stands still. Frame 0 has no frame before it."""
+    with open_scene(scenes_dir / "kitti") as source:
+        near = [other for other in (number - 1, number + 1) if other in source.info.frame_indices]
+        around = tuple(source.read(other) for other in near)
+        frame = source.read(number)
+    degradation = Degradation(psf_sigma=1.0, noise_sigma=2.0)
+    scores = [
+        evaluate_set1(frame, degradation, methods=("default",), neighbours=neighbours).scores[0]
+        for neighbours in ((), around)
+    ]
+    assert scores[1].psnr > scores[0].psnr + (0.2 if number == 0 else 0.5)

@@ -79,7 +79,7 @@ def worker(compute):
         def reset(self):
             pass
 
-        def register(self, frame):
+        def register(self, frame, *, neighbours):
             return frame
 
         def reconstruct(self, registered):
@@ -282,7 +282,7 @@ def test_a_stop_breaks_off_a_long_computation(tmp_path):
             super().__init__(settings, stop=stop, **arguments)
             self.asked = stop
 
-        def register(self, frame):
+        def register(self, frame, *, neighbours):
             stop.from_signal()  # as the handler does, amid the computation
             while not self.asked():
                 time.sleep(0.01)
@@ -446,7 +446,7 @@ def test_a_rate_that_is_too_high_is_held_by_dropping_and_says_so(tmp_path):
     """Ten frames at once do not fit; every frame is in the file, and accounted for."""
 
     class Slow(worker(enlarge)):
-        def take(self, frame, *, targets, effort):
+        def take(self, frame, *, targets, effort, neighbours):
             time.sleep(0.05)
             result = enlarge(frame, self.settings, targets=targets)
             return dataclasses.replace(
@@ -476,7 +476,7 @@ def test_a_rate_that_is_too_high_is_held_by_dropping_and_says_so(tmp_path):
 
 def test_a_rate_that_is_low_enough_changes_nothing(tmp_path):
     class Quick(worker(enlarge)):
-        def take(self, frame, *, targets, effort):
+        def take(self, frame, *, targets, effort, neighbours):
             assert effort.is_full
             return enlarge(frame, self.settings, targets=targets)
 
