@@ -79,6 +79,8 @@ was none; what rests on such rows is not judged. The input is the rendered scene
 a stereo matcher delivers it, no calibration; both eyes are reconstructed, kernels are compiled
 before. Exponents p are fitted to time ∝ size^p, that of the cold frame being judged. Peak memory is
 that of a fresh process that reads the frame from a file.
+Stream latency is that of a real service and a source over zenoh on this machine, stage by stage
+from the arrival of a frame's last view to the published result, in real-time mode.
 
 {result.table().as_markdown()}
 

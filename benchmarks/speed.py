@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.floors import SpeedFigures, fitted_exponent, speed_floors
+from benchmarks.latency import StreamPlan, measure_stream, remark
 from benchmarks.memory import bench_settings, peak_of, save_frame
 from benchmarks.unit import BicubicUnit, Measured, Timed, measure
 from pipeline.config import Settings, Solver
@@ -33,6 +34,7 @@ from pipeline.results import FrameResult
 from pipeline.superresolve import superresolve
 from pipeline.synthetic import SampleScene
 from pipeline.threads import set_threads
+from service.streams.latency import KEEP
 
 Size = tuple[int, int]
 """(width, height), LR pixels."""
@@ -71,6 +73,11 @@ class Plan:
     """Seconds after which a row is not repeated."""
     threads: int = 2
     """The floors are for two cores."""
+    streams: tuple[StreamPlan, ...] = (
+        StreamPlan(size=(256, 192), num_views=4, rate=10, seconds=15),
+        StreamPlan(size=(512, 384), num_views=8, rate=5, seconds=20),
+    )
+    """Live streams whose latency is told."""
 
 
 QUICK = Plan(
@@ -82,6 +89,7 @@ QUICK = Plan(
     memory_sizes=((96, 72),),
     repeats=1,
     row_budget=0,
+    streams=(StreamPlan(size=(48, 36), num_views=3, rate=5, seconds=2),),
 )
 """A few seconds: whether the benchmark itself works."""
 
@@ -270,6 +278,7 @@ class _Bench:
         yield from self._views()
         yield from self._magnifications()
         yield from self._memory()
+        yield from self._streams()
 
     # --- timing ------------------------------------------------------------------------
 
@@ -402,6 +411,24 @@ class _Bench:
                 _scaled(plan.size, plan.num_views, factor), measured,
             )  # fmt: skip
         yield _exponents(plan.magnifications, found)[1]
+
+    def _streams(self) -> Iterator[Row]:
+        unit = statistics.median(self.units)
+        for number, plan in enumerate(self._plan.streams):
+            size = f"{plan.num_views} × {tables.size(plan.size)}, {plan.rate} a second"
+            self._note(f"live stream, {size}")
+            status = measure_stream(plan, self._plan.threads)
+            for place, (stage, times) in enumerate(reversed(status["latency"].items())):
+                told = f"95 %: {times['p95_ms']:g} ms"
+                yield Row(
+                    section="stream latency" if number == place == 0 else "",
+                    name=stage,
+                    size=size if place == 0 else "",
+                    seconds=times["median_ms"] / 1000,
+                    multiple=times["median_ms"] / 1000 / unit,
+                    runs=min(status["frames_done"], KEEP),
+                    remark=f"{told}; {remark(status)}" if place == 0 else told,
+                )
 
     def _memory(self) -> Iterator[Row]:
         plan = self._plan

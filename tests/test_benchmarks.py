@@ -44,15 +44,15 @@ def test_the_quick_benchmark_prints_one_table_and_the_floors(tmp_path, capsys):
     sections = [row["section"] for row in content["rows"] if row["section"]]
     assert sections == [
         "unit", "cold frame", "reconstruction", "growth with pixels", "growth with views",
-        "growth with K", "peak memory",
+        "growth with K", "peak memory", "stream latency",
     ]  # fmt: skip
     for section in sections:
         assert f"\n{section}" in printed
         assert f"\n| {section} |" in page.read_text()
     timed = [row for row in content["rows"] if row["seconds"] is not None]
-    assert len(timed) >= 13
+    assert len(timed) >= 20
     assert all(row["seconds"] > 0 and row["multiple"] > 0 and row["runs"] > 0 for row in timed)
-    assert content["rows"][-1]["memory_mib"] > 50
+    assert max(row["memory_mib"] or 0 for row in content["rows"]) > 50
     assert {floor["verdict"] for floor in content["floors"]} == {"not judged"}
     assert printed.count("not judged") == len(content["floors"]) == 6
 

@@ -61,4 +61,4 @@ class Rate:
 
 
 def _ms(seconds: float) -> float:
-    return round(1000 * seconds, 1)
+    return round(1000 * seconds, 3)
