@@ -116,6 +116,12 @@ class OutputOptions:
     )
     report: Path | None = setting(None, "JSON file to write the account of the run to")
     debug_dir: Path | None = setting(None, "folder for pictures of what happened inside")
+    view_at: float | None = setting(
+        None,
+        "render the view between two cameras instead of the eyes: 3.5 lies halfway between the "
+        "fourth and the fifth; one picture, --layout has no effect",
+        unit="views from 0",
+    )
     segment_length: int = setting(
         SEGMENT_LENGTH, "frames computed, kept and resumed as one piece", unit="frames"
     )
@@ -131,6 +137,8 @@ class OutputOptions:
             raise ConfigurationError(
                 f"--segment-length: must be 1 to 100000, not {self.segment_length}"
             )
+        if self.view_at is not None and not 0 <= self.view_at <= 1000:
+            raise ConfigurationError(f"--view-at: must be 0 to 1000, not {self.view_at:g}")
         if self.output is None and self.frames_dir is None:
             raise ConfigurationError("nothing to write: give -o FILE or --frames-dir FOLDER")
 

@@ -9,11 +9,19 @@ from pipeline.job import InputOptions, Job, OutputOptions
 from pipeline.media.files import check_folder_writable, check_writable
 from pipeline.media.info import SceneInfo
 from pipeline.sink import OutputPlan
+from pipeline.view_at import place_of
 
 
 def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
     """Return what is written, now that the scene has said what it is."""
-    targets, layout = choose_targets(info, job.input, job.output)
+    place = None
+    if job.output.view_at is None:
+        targets, layout = choose_targets(info, job.input, job.output)
+    else:
+        place = place_of(job.output.view_at, info, job.input.views)
+        targets, layout = (f"view-{job.output.view_at:g}",), "left"
+        if job.settings.realtime:
+            raise ConfigurationError("--realtime: makes the two eyes; leave --view-at out")
     grid = job.settings.grid
     return OutputPlan(
         options=replace(job.output, layout=layout),
@@ -25,6 +33,7 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
         bit_depth=info.bit_depth,
         is_color=info.is_color,
         grid=grid,
+        between=place,
     )
 
 

@@ -38,6 +38,7 @@ from pipeline.stop import StopFlag
 from pipeline.superresolve import RegisteredFrame
 from pipeline.temporal.neighbours import in_windows
 from pipeline.threads import set_threads, thread_count
+from pipeline.view_at import with_view_between
 from pipeline.worker import Worker
 from pipeline.workfolder import SegmentFiles
 
@@ -139,9 +140,10 @@ class LocalEngine:
         worker = self._tools.make_worker(
             work.job.settings,
             stop=lambda: stop.is_set or failed.is_set(),
-            targets=work.plan.targets,
+            targets=work.plan.computed,
             observed_views=work.job.input.views,
-            keep_intermediates=work.job.output.debug_dir is not None,
+            keep_intermediates=work.job.output.debug_dir is not None
+            or work.plan.between is not None,
             **({} if work.psf is None else {"psf": work.psf}),
         )
         line = _Line(work=work, worker=worker, clock=self._tools.clock, stop=stop)
@@ -314,6 +316,12 @@ class _Line:
             seconds = item.seconds + self.clock() - begin
             if item.read.is_warm_up:
                 continue
+            plan = self.work.plan
+            if plan.between is not None:
+                result = with_view_between(
+                    result, item.read.frame, plan.between, plan.targets[0], plan.grid
+                )
+                seconds = item.seconds + self.clock() - begin
             yield _DoneFrame(
                 result=result,
                 timings={"decode": item.read.seconds, **result.report.timings, "frame": seconds},

@@ -12,6 +12,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Protocol
 
+from pipeline.freeview import Place
 from pipeline.grid import Grid
 from pipeline.job import OutputOptions, Segment
 from pipeline.results import FrameResult
@@ -36,11 +37,20 @@ class OutputPlan:
     is_color: bool
     grid: Grid
     """The HR grid of the targets."""
+    between: Place | None = None
+    """Where the one target lies, if it is a view between two cameras."""
+
+    @property
+    def computed(self) -> tuple[str, ...]:
+        """Ids of the views that are super-resolved: the targets, or what theirs lies between."""
+        if self.between is None:
+            return self.targets
+        return self.between.left, self.between.right
 
     @property
     def picture_names(self) -> dict[str, str]:
         """The first part of the PNG names by view id: left and right, or the ids themselves."""
-        if self.options.layout == "views":
+        if self.options.layout == "views" or self.between is not None:
             return {view_id: view_id for view_id in self.targets}
         eyes = {self.left: "left", self.right: "right"}
         return {view_id: eyes[view_id] for view_id in self.targets}

@@ -26,7 +26,7 @@ from pipeline.evaluation.plots import png
 from pipeline.evaluation.subjects import Subject
 from pipeline.evaluation.tables import NOT_MEASURED, Table, number, signed
 from pipeline.frames import Calibration, GreyImage, MultiViewFrame, RegisteredView, Rejection
-from pipeline.freeview import IntermediateView, Neighbour, between, hr_motion
+from pipeline.freeview import IntermediateView, between
 from pipeline.metrics import psnr
 from pipeline.noise import estimate_noise_of_views
 from pipeline.psf_search import search_psf
@@ -36,6 +36,7 @@ from pipeline.registration.method import METHODS
 from pipeline.registration.parallax import match_points
 from pipeline.registration.register import Thresholds, prepare_views, register_views
 from pipeline.superresolve import default_weight_threshold, superresolve
+from pipeline.view_at import neighbour_of
 
 GEOMETRY = np.uint8(Rejection.NO_MOTION | Rejection.OUTSIDE | Rejection.OCCLUDED | Rejection.DEPTH)
 """Reasons that keep a pixel out of the comparison. Its registration weight is none: it compares
@@ -228,7 +229,7 @@ def measure_free_view(
             for name in (left, right)
         }
         neighbours = [
-            _neighbour(frame, pictures[here], onto[(here, there)], here, settings)
+            neighbour_of(frame, here, pictures[here], None, onto[(here, there)], settings.grid)
             for here, there in ((left, right), (right, left))
         ]
         made = between(neighbours[0], neighbours[1], at)
@@ -291,19 +292,6 @@ def _psnr_from_pose(
     if not use.any():
         return math.nan
     return psnr(np.clip(np.rint(moved[use]), 0, 255)[None], truth[use][None])
-
-
-def _neighbour(
-    frame: MultiViewFrame,
-    luma: npt.NDArray[np.float32],
-    view: RegisteredView,
-    view_id: str,
-    settings: Settings,
-) -> Neighbour:
-    depth = frame.view(view_id).depth_map
-    nearness = np.zeros(view.flags.shape, np.float32) if depth is None else np.nan_to_num(depth)
-    motion, near = hr_motion(view.position, view.verification_map, nearness, settings.grid)
-    return Neighbour(luma=luma, chroma=None, motion=motion, nearness=near)
 
 
 def _place_between(subject: Subject, left: str, gone: str, right: str) -> float:
