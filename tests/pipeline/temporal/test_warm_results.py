@@ -1,0 +1,182 @@
+"""Warm frames as results: no ghosts of what has gone, and fewer iterations to the same end."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.config import Settings
+from pipeline.effort import Effort
+from pipeline.metrics import psnr
+from pipeline.superresolve import Memory, reconstruct_frame, register_frame
+from pipeline.synthetic import SampleScene
+from pipeline.worker import Worker
+
+NOISE = 2.0
+SCENE = SampleScene(width=128, height=96, num_views=4)
+TARGETS = tuple(SCENE.view_ids[number] for number in SCENE.reference_views)
+SIDE, STEP = 6, 24
+"""Of the small fast thing: its side, and how far it goes from one frame to the next, LR pixels."""
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return [SCENE.frame(number, noise_sigma=NOISE) for number in range(4)]
+
+
+def _settings(temporal="warm", **others):
+    return Settings(
+        psf_sigma=1.0, noise_sigma=NOISE, sampling="decimation", temporal=temporal, **others
+    )
+
+
+def _with_luma(frame, change):
+    """Return the frame with every view's picture changed."""
+    return replace(
+        frame,
+        views=tuple(
+            replace(view, luma=np.clip(change(view.luma.copy()), 0, 255).astype(np.float32))
+            for view in frame.views
+        ),
+    )
+
+
+def _both(frames, number):
+    """Return frame ``number`` of a warm chain, and the same one cold."""
+    warm = Worker(_settings(), targets=TARGETS)
+    for frame in frames[: number + 1]:
+        ours = warm.take(frame)
+    return ours, Worker(_settings("cold"), targets=TARGETS).take(frames[number])
+
+
+def _hr_box(left, top, width, height, margin=0):
+    """Return the HR pixels of a box of LR pixels, widened by a margin."""
+    return (
+        slice(max(0, 2 * (top - margin)), 2 * (top + height + margin)),
+        slice(max(0, 2 * (left - margin)), 2 * (left + width + margin)),
+    )
+
+
+def test_both_eyes_are_as_good_as_cold_in_every_frame(frames):
+    warm, cold = (Worker(_settings(kind), targets=TARGETS) for kind in ("warm", "cold"))
+    for number, frame in enumerate(frames):
+        ours, other = warm.take(frame), cold.take(frame)
+        for target, place in zip(TARGETS, SCENE.reference_views, strict=True):
+            picture = SCENE.render_hr(place, number / SCENE.fps)
+            truth = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+            scores = [psnr(one.images[target].luma, truth, border=8) for one in (ours, other)]
+            assert scores[0] > scores[1] - 0.05
+
+
+def test_a_small_fast_thing_leaves_no_ghost_and_is_all_there(frames):
+    """It jumps by four of its sides: nothing of it may stay behind, nothing of it be missing."""
+
+    def places(number):
+        return 10 + STEP * number, 40
+
+    def shown(number):
+        left, top = places(number)
+
+        def change(luma):
+            luma[top : top + SIDE, left : left + SIDE] = 250
+            return luma
+
+        return _with_luma(frames[number], change)
+
+    moving = [shown(number) for number in range(4)]
+    ours, other = _both(moving, 3)
+    for target in TARGETS:
+        difference = np.abs(ours.images[target].luma - other.images[target].luma)
+        for number in range(4):
+            here = difference[_hr_box(*places(number), SIDE, SIDE, margin=2)]
+            assert here.mean() < 2.0, f"where it was in frame {number}"
+            assert here.max() < 30.0
+        assert psnr(ours.images[target].luma, other.images[target].luma) > 40
+    assert all(0.35 < target.start.warm_share < 1 for target in ours.report.targets)
+
+
+def test_a_flash_in_a_part_of_the_picture_does_not_stay(frames):
+    """A third of the picture flashes in frame 1 and is as before in frame 2."""
+
+    def flash(luma):
+        luma[:, 80:] += 70
+        return luma
+
+    flashing = [frames[0], _with_luma(frames[1], flash), frames[2]]
+    for number in (1, 2):
+        ours, other = _both(flashing, number)
+        for target in TARGETS:
+            difference = ours.images[target].luma - other.images[target].luma
+            assert abs(difference[:, 170:].mean()) < 0.3
+            assert psnr(ours.images[target].luma, other.images[target].luma) > 40
+
+
+def test_after_a_cut_nothing_of_the_old_scene_is_seen(frames):
+    """The frame of the cut is the cold one; the next goes on warm from it."""
+
+    def turned(frame):
+        return replace(
+            frame,
+            views=tuple(
+                replace(
+                    view,
+                    luma=np.ascontiguousarray(view.luma[::-1]),
+                    depth_map=np.ascontiguousarray(view.depth_map[::-1]),
+                )
+                for view in frame.views
+            ),
+        )
+
+    cut = [frames[0], frames[1], turned(frames[2]), turned(frames[3])]
+    ours, other = _both(cut, 2)
+    assert all(target.start.is_cut for target in ours.report.targets)
+    for target in TARGETS:
+        assert np.array_equal(ours.images[target].luma, other.images[target].luma)
+    ours, other = _both(cut, 3)
+    for target in ours.report.targets:
+        assert not target.start.is_cut
+        assert target.start.warm_share > 0.35
+        assert psnr(ours.images[target.view_id].luma, other.images[target.view_id].luma) > 40
+
+
+def _pursued(frames, solver):
+    """Return frame 1, registered, and the memory of frame 0."""
+    memory, settings = Memory(), _settings(solver=solver)
+    reconstruct_frame(
+        register_frame(frames[0], settings, targets=TARGETS, memory=memory), memory=memory
+    )
+    registered = register_frame(frames[1], settings, targets=TARGETS, memory=memory)
+    return registered, memory
+
+
+def test_a_warm_start_comes_to_the_cold_residual_in_fewer_steps(frames):
+    registered, memory = _pursued(frames, "fused")
+
+    def steps_and_residual(memory, most):
+        limited = replace(registered, effort=Effort(steps=most))
+        report = reconstruct_frame(limited, memory=copy.copy(memory)).report.targets[0]
+        return report.iterations, report.residuals[-1]
+
+    _, goal = steps_and_residual(None, None)
+    needed = {}
+    for name, start in (("cold", None), ("warm", memory)):
+        for most in range(1, 40):
+            iterations, residual = steps_and_residual(start, most)
+            if residual <= 1.01 * goal:
+                needed[name] = iterations
+                break
+    assert needed["warm"] <= needed["cold"] * 2 / 3
+
+
+def test_a_warm_start_saves_sweeps_of_the_thesis_solver(frames):
+    """Thesis: "a decrease in the convergence time"."""
+    registered, memory = _pursued(frames, "pocs-simplified")
+    cold = reconstruct_frame(registered).report.targets[0]
+    warm = reconstruct_frame(registered, memory=memory).report.targets[0]
+    goal = cold.residuals[-1]
+    sweeps = next(number for number, value in enumerate(warm.residuals, 1) if value <= goal)
+    assert sweeps <= len(cold.residuals) * 3 / 4
