@@ -22,8 +22,8 @@ import numpy.typing as npt
 
 from pipeline.frames import GreyImage, RegisteredView, Rejection
 from pipeline.grid import Grid
-from pipeline.reconstruction.psf import GaussianPsf, blur, psf_taps, sampling_taps
-from pipeline.reconstruction.system import HrImage, NormalEquations, padded, sample
+from pipeline.reconstruction.psf import GaussianPsf, psf_taps, sampling_taps
+from pipeline.reconstruction.system import HrImage, NormalEquations, sample, spline_coefficients
 
 IMPOSSIBLE = np.uint8(
     Rejection.NO_MOTION
@@ -46,9 +46,9 @@ SMALLEST_NOISE = 0.3
 class FusedTuning:
     """The constants of the solver, measured on the sample and on real scenes."""
 
-    prior_strength: float = 0.092
+    prior_strength: float = 0.078
     """λ at noise 1 and σ_psf 1."""
-    prior_noise_power: float = 1.4
+    prior_noise_power: float = 1.6
     """λ grows with the noise to this power …"""
     prior_psf_power: float = -1.5
     """… and with σ_psf to this one: what a wide PSF has removed no prior should smooth again."""
@@ -66,8 +66,9 @@ class FusedTuning:
     """Re-weightings, and at most so many conjugate-gradient steps each: reference alone."""
     together: tuple[int, int] = (4, 8)
     """The same for all views."""
-    settled: float = 0.2
-    """Share of its first residual at which a descent has come far enough."""
+    settled: float = 0.3
+    """Share of its first residual at which a descent has come far enough, at noise 1 and above;
+    in proportion to the noise below: the less there is, the longer it pays to go on."""
     only: tuple[int, int] = (4, 8)
     """The same where the reference is the only view: as much work as for many."""
 
@@ -190,23 +191,22 @@ def fuse(
     noise = max(noise, SMALLEST_NOISE)
     taps = sampling_taps(psf, grid)
     shape = grid.hr_shape(lr_shape)
-    points = [
-        tuple(np.ascontiguousarray(axis) for axis in grid.to_hr(view.position))
-        for view in registered
-    ]
+    points = [_points(view, grid) for view in registered]
     strength = prior_strength(noise, psf.sigma, tuning)
+    settled = tuning.settled * min(1.0, noise)
     scale = tuning.edge_scale[0] + tuning.edge_scale[1] * noise
     reference = next(index for index, view in enumerate(registered) if view.is_reference)
     own = registered[reference]
     ones = np.ones(lr_shape, np.float32)
-    system = NormalEquations(shape, taps, psf_taps(psf, grid))
-    system.gather([(*points[reference], own.observed, ones)])
+    system = NormalEquations(shape, taps, psf_taps(psf, grid), float(own.observed.mean()))
+    system.gather_regular(own.observed, grid)
     estimate = start if start is not None else initial_estimate(own.observed, grid)
     residuals = []
     stop_reason = "iterations"
+    prior: npt.NDArray[np.float32] | None = None
 
     def solve(estimate: HrImage, plan: tuple[int, int], most: int | None) -> HrImage:
-        nonlocal stop_reason
+        nonlocal stop_reason, prior
         begun = system.steps
         for _ in range(plan[0]):
             left = plan[1] if most is None else min(plan[1], most - (system.steps - begun))
@@ -216,8 +216,8 @@ def fuse(
             if stop is not None and stop():
                 stop_reason = "stopped"
                 break
-            prior = system.edge_weights(estimate, scale)
-            estimate = system.descend(estimate, prior, strength, left, settled=tuning.settled)
+            prior = system.edge_weights(estimate, scale, prior)
+            estimate = system.descend(estimate, prior, strength, left, settled=settled)
         return estimate
 
     estimate = solve(
@@ -225,10 +225,10 @@ def fuse(
         tuning.alone if len(registered) > 1 else tuning.only,
         None if len(registered) > 1 else most_steps,
     )
-    weights = [ones if index == reference else None for index in range(len(registered))]
+    weights = [ones] * len(registered)
     flags = [view.flags.copy() for view in registered]
     if len(registered) > 1:
-        coefficients = padded(blur(estimate, taps))
+        coefficients = spline_coefficients(estimate, taps)
         for index, view in enumerate(registered):
             if index == reference:
                 continue
@@ -241,11 +241,10 @@ def fuse(
             [
                 (*points[index], view.observed, weights[index])
                 for index, view in enumerate(registered)
-                if index != reference
             ]
         )
         estimate = solve(estimate, tuning.together, most_steps)
-    coefficients = padded(blur(estimate, taps))
+    coefficients = spline_coefficients(estimate, taps)
     simulated = tuple(sample(coefficients, *point) for point in points)
     residuals.append(_weighted_rms(simulated, registered, weights))
     return FusedResult(
@@ -258,6 +257,12 @@ def fuse(
         residuals=tuple(residuals),
         stop_reason=stop_reason,
     )
+
+
+def _points(view: RegisteredView, grid: Grid) -> tuple[HrImage, HrImage]:
+    """Return x and y of a view's landing points, HR pixels."""
+    x, y = grid.to_hr(view.position)
+    return np.ascontiguousarray(x), np.ascontiguousarray(y)
 
 
 def _weighted_rms(

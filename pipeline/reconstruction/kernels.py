@@ -1,8 +1,8 @@
-"""Compiled inner loops of the fused solver: gather, stencil, prior.
+"""Compiled loops of the fused solver: observations gathered and sampled, edges weighed.
 
-All loops release the global lock and work on a band of HR rows, so that
-bands can run on several threads and the result does not depend on how many.
-Arrays are C-contiguous float32; the caller guarantees shapes.
+All loops release the global lock and work on a range of rows, so that ranges can run on
+several threads and the result does not depend on how many. Arrays are C-contiguous float32
+if not said otherwise; the caller guarantees shapes.
 """
 
 from __future__ import annotations
@@ -10,27 +10,51 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from pipeline.reconstruction.rows import OPTIONS
+from pipeline.reconstruction.simd import CELL, LANES, add_nine, inverse_roots, planes_of_eight
+
 NUM_COUPLINGS = 13
 """Unique couplings of a 5 × 5 symmetric stencil: itself, 2 to the right, 5 + 5 below."""
 
 SMALLEST_WEIGHT = 0.01
 """Observations of no more weight are not worth their time."""
 
-_OPTIONS = {
-    "nogil": True,
-    "cache": True,
-    "error_model": "numpy",
-    # not the flags that assume finite numbers: NaN marks what has no value
-    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
-}
+LARGEST_UNIT = 65535.0
+"""Couplings are kept as 16-bit shares of the largest one in their row."""
 
 
-@njit(**_OPTIONS)
-def gather_observations(position_x, position_y, observed, weight, row_lo, row_hi, couplings, rhs):
-    """Add the normal equations of one view's observations to a band of HR rows, in place.
+@njit(**OPTIONS)
+def landing_rows(position_y, height, first, last):
+    """Write the first and the last HR row on which pixels of each LR row land.
 
-    Each observation is a quadratic B-spline sample of the blurred estimate:
-    nine taps around the nearest HR pixel. ``couplings`` gets w·s·sᵀ, ``rhs`` w·s·y.
+    Parameters
+    ----------
+    position_y : (H, W) float32
+        HR pixels.
+    height : int
+        KH.
+    first, last : (H,) int32
+        Overwritten; first > last where none lands inside.
+    """
+    for row in range(position_y.shape[0]):
+        low, high = np.float32(height), np.float32(-1.0)
+        for column in range(position_y.shape[1]):
+            y = position_y[row, column]
+            if y > -1 and y < height:
+                low = min(low, y)
+                high = max(high, y)
+        first[row] = int(np.floor(low + np.float32(0.5)))
+        last[row] = int(np.floor(high + np.float32(0.5)))
+
+
+@njit(**OPTIONS)
+def gather_observations(
+    position_x, position_y, observed, weight, first, last, level, lo, hi, height, width, cells
+):
+    """Add the normal equations of one view's observations to the cells of HR rows, in place.
+
+    Each observation is a quadratic B-spline sample of the blurred estimate: nine taps s around
+    the nearest HR pixel. The cells get w·s·sᵀ and w·s·y, see :func:`simd.add_nine`.
 
     Parameters
     ----------
@@ -38,27 +62,32 @@ def gather_observations(position_x, position_y, observed, weight, row_lo, row_hi
         Landing points, HR pixels.
     observed, weight : (H, W) float32
         Grey levels; a weight up to ``SMALLEST_WEIGHT`` leaves the pixel out.
-    row_lo, row_hi : int
-        HR rows of this band, half-open; taps outside it are left to other bands.
-    couplings : (13, KH, KW) float32
-        Modified in place. Plane 0: pixel with itself; 1, 2: one and two to the right;
-        3…7: one row below, x −2…2; 8…12: two rows below, x −2…2.
-    rhs : (KH, KW) float32
-        Modified in place.
+    first, last : (H,) int32
+        From :func:`landing_rows`.
+    level : float32
+        Subtracted from what is observed, grey levels.
+    lo, hi : int
+        HR rows, half-open, whose cells get all that is theirs.
+    height, width : int
+        KH, KW.
+    cells : ((hi − lo + 4)·(KW + 2)·CELL,) float32
+        Rows ``lo`` − 2 to ``hi`` + 2, columns −1 to KW + 1. What falls beyond ``lo`` and ``hi``
+        is incomplete.
     """
     rows, columns = observed.shape
-    height, width = rhs.shape
-    tap_x = np.empty(3, np.float32)
-    tap_y = np.empty(3, np.float32)
+    stride = (width + 2) * CELL
     half = np.float32(0.5)
+    nothing = np.float32(0.0)
     for row in range(rows):
+        if last[row] < lo - 1 or first[row] > hi:
+            continue
         for column in range(columns):
             w = weight[row, column]
             if not w > SMALLEST_WEIGHT:
                 continue
             py = position_y[row, column]
             centre_y = int(np.floor(py + half))
-            if centre_y + 1 < row_lo or centre_y - 1 >= row_hi:
+            if centre_y < lo - 1 or centre_y > hi:
                 continue
             px = position_x[row, column]
             centre_x = int(np.floor(px + half))
@@ -66,131 +95,118 @@ def gather_observations(position_x, position_y, observed, weight, row_lo, row_hi
                 continue
             tx = px - np.float32(centre_x)
             ty = py - np.float32(centre_y)
-            tap_x[0] = half * (half - tx) * (half - tx)
-            tap_x[1] = np.float32(0.75) - tx * tx
-            tap_x[2] = half * (half + tx) * (half + tx)
-            tap_y[0] = half * (half - ty) * (half - ty)
-            tap_y[1] = np.float32(0.75) - ty * ty
-            tap_y[2] = half * (half + ty) * (half + ty)
+            x0 = half * (half - tx) * (half - tx)
+            x1 = np.float32(0.75) - tx * tx
+            x2 = half * (half + tx) * (half + tx)
+            y0 = half * (half - ty) * (half - ty)
+            y1 = np.float32(0.75) - ty * ty
+            y2 = half * (half + ty) * (half + ty)
             # at the very border taps fold onto the image: reflection about the edge
             if centre_x == 0:
-                tap_x[1] += tap_x[0]
-                tap_x[0] = np.float32(0.0)
+                x1 += x0
+                x0 = nothing
             if centre_x == width - 1:
-                tap_x[1] += tap_x[2]
-                tap_x[2] = np.float32(0.0)
+                x1 += x2
+                x2 = nothing
             if centre_y == 0:
-                tap_y[1] += tap_y[0]
-                tap_y[0] = np.float32(0.0)
+                y1 += y0
+                y0 = nothing
             if centre_y == height - 1:
-                tap_y[1] += tap_y[2]
-                tap_y[2] = np.float32(0.0)
-            value = w * observed[row, column]
-            if (
-                row_lo < centre_y < row_hi - 1
-                and 0 < centre_x < width - 1
-                and 0 < centre_y < height - 1
-            ):
-                for a in range(3):
-                    y = centre_y + a - 1
-                    x = centre_x - 1
-                    v0 = w * tap_y[a] * tap_x[0]
-                    v1 = w * tap_y[a] * tap_x[1]
-                    v2 = w * tap_y[a] * tap_x[2]
-                    va = value * tap_y[a]
-                    rhs[y, x] += va * tap_x[0]
-                    rhs[y, x + 1] += va * tap_x[1]
-                    rhs[y, x + 2] += va * tap_x[2]
-                    t0 = tap_y[a] * tap_x[0]
-                    t1 = tap_y[a] * tap_x[1]
-                    t2 = tap_y[a] * tap_x[2]
-                    couplings[0, y, x] += v0 * t0
-                    couplings[0, y, x + 1] += v1 * t1
-                    couplings[0, y, x + 2] += v2 * t2
-                    couplings[1, y, x] += v0 * t1
-                    couplings[1, y, x + 1] += v1 * t2
-                    couplings[2, y, x] += v0 * t2
-                    for a2 in range(a + 1, 3):
-                        t0 = tap_y[a2] * tap_x[0]
-                        t1 = tap_y[a2] * tap_x[1]
-                        t2 = tap_y[a2] * tap_x[2]
-                        plane = 5 + 5 * (a2 - a - 1)
-                        couplings[plane, y, x] += v0 * t0
-                        couplings[plane, y, x + 1] += v1 * t1
-                        couplings[plane, y, x + 2] += v2 * t2
-                        couplings[plane + 1, y, x] += v0 * t1
-                        couplings[plane + 1, y, x + 1] += v1 * t2
-                        couplings[plane - 1, y, x + 1] += v1 * t0
-                        couplings[plane - 1, y, x + 2] += v2 * t1
-                        couplings[plane + 2, y, x] += v0 * t2
-                        couplings[plane - 2, y, x + 2] += v2 * t0
-                continue
-            for a in range(3):
-                y = centre_y + a - 1
-                if y < row_lo or y >= row_hi or y < 0 or y >= height:
-                    continue
-                wa = w * tap_y[a]
-                va = value * tap_y[a]
-                for b in range(3):
-                    x = centre_x + b - 1
-                    if x < 0 or x >= width:
-                        continue
-                    wab = wa * tap_x[b]
-                    rhs[y, x] += va * tap_x[b]
-                    for b2 in range(b, 3):
-                        couplings[b2 - b, y, x] += wab * tap_y[a] * tap_x[b2]
-                    for a2 in range(a + 1, 3):
-                        plane = 5 + 5 * (a2 - a - 1)
-                        waba = wab * tap_y[a2]
-                        for b2 in range(3):
-                            couplings[plane + b2 - b, y, x] += waba * tap_x[b2]
+                y1 += y2
+                y2 = nothing
+            at = (centre_y - lo + 1) * stride + centre_x * CELL
+            add_nine(
+                cells, at, stride, x0, x1, x2, y0, y1, y2, w, w * (observed[row, column] - level)
+            )
 
 
-@njit(**_OPTIONS)
-def apply_couplings(couplings, image, row_lo, row_hi, out):
-    """Write the symmetric 5 × 5 stencil applied to the image into rows of ``out``.
-
-    Couplings of pixels within two of the border to pixels outside are zero by
-    construction, so the caller pads ``image`` by two zero pixels on each side.
+@njit(**OPTIONS)
+def spread_cells(cells, lo, hi, width, couplings, units, rhs):
+    """Write gathered cells as planes, of which the sweeps read eight pixels at once.
 
     Parameters
     ----------
-    couplings : (13, KH + 4, KW + 4) float32
-        Padded by two zero pixels on each side.
-    image : (KH + 4, KW + 4) float32
-        Padded likewise.
-    out : (KH, KW) float32
-        Rows ``row_lo`` to ``row_hi`` are overwritten.
+    cells : float32
+        Of :func:`gather_observations`.
+    couplings : (13, KH + 4, ≥ KW + 12) uint16
+        Padded by two in front. Plane 0: pixel with itself; 1, 2: one and two to the right;
+        3…7: one row below, x −2…2; 8…12: two rows below, x −2…2. Rows ``lo`` to ``hi``
+        are overwritten.
+    units : (KH + 4,) float32
+        Padded by two: what one is worth in each row.
+    rhs : (KH, KW) float32
     """
-    width = out.shape[1]
-    for y in range(row_lo, row_hi):
-        v = y + 2
-        line = out[y]
-        for x in range(width):
-            u = x + 2
-            total = couplings[0, v, u] * image[v, u]
-            total += couplings[1, v, u] * image[v, u + 1] + couplings[1, v, u - 1] * image[v, u - 1]
-            total += couplings[2, v, u] * image[v, u + 2] + couplings[2, v, u - 2] * image[v, u - 2]
-            line[x] = total
-        for dx in range(-2, 3):
-            one = couplings[5 + dx]
-            two = couplings[10 + dx]
-            for x in range(width):
-                u = x + 2
-                line[x] += (
-                    one[v, u] * image[v + 1, u + dx]
-                    + one[v - 1, u - dx] * image[v - 1, u - dx]
-                    + two[v, u] * image[v + 2, u + dx]
-                    + two[v - 2, u - dx] * image[v - 2, u - dx]
-                )
+    plane, pitch = couplings.shape[1] * couplings.shape[2], couplings.shape[2]
+    flat = couplings.reshape(-1)
+    line = np.empty(width + LANES, np.float32)
+    nothing = np.float32(0.0)
+    own = _largest(cells, 2, width)
+    below = _largest(cells, 3, width)
+    far = _largest(cells, 4, width)
+    for y in range(lo, hi):
+        # no coupling exceeds both of its pixels' couplings with themselves
+        largest = max(max(own, below), far)
+        own, below, far = (
+            below,
+            far,
+            _largest(cells, y - lo + 5, width) if y + 3 < hi + 2 else nothing,
+        )
+        unit = largest / np.float32(LARGEST_UNIT)
+        base = ((y - lo + 2) * (width + 2) + 1) * CELL
+        units[y + 2] = unit
+        inverse = np.float32(1.0) / unit if unit > 0 else np.float32(0.0)
+        to = (y + 2) * pitch + 2
+        for x in range(0, width, LANES):
+            planes_of_eight(cells, base + x * CELL, inverse, flat, to + x, plane, line, x)
+        rhs[y] = line[:width]
 
 
-@njit(**_OPTIONS)
-def edge_weights(image, scale, row_lo, row_hi, out):
+@njit(**OPTIONS)
+def _largest(cells, row, width):
+    """Return the largest coupling of a pixel with itself in a row of cells."""
+    line = cells[(row * (width + 2) + 1) * CELL :]
+    largest = np.float32(0.0)
+    for x in range(width):
+        largest = max(largest, line[x * CELL])
+    return largest
+
+
+@njit(**OPTIONS)
+def gather_regular(observed, level, column, taps_x, row, taps_y, rhs):
+    """Add s·y of observations at regular places to the right-hand side, in place.
+
+    Parameters
+    ----------
+    observed : (H, W) float32
+    level : float32
+        Subtracted from what is observed, grey levels.
+    column, row : (W,), (H,) int64
+        HR pixel nearest to each.
+    taps_x, taps_y : (W, 3), (H, 3) float32
+        Folded at the border.
+    rhs : (KH, KW) float32
+    """
+    height, width = rhs.shape
+    for i in range(observed.shape[0]):
+        for a in range(3):
+            y = row[i] + a - 1
+            if y < 0 or y >= height:
+                continue
+            line, down = rhs[y], taps_y[i, a]
+            for j in range(observed.shape[1]):
+                value = down * (observed[i, j] - level)
+                for b in range(3):
+                    x = column[j] + b - 1
+                    if 0 <= x < width:
+                        line[x] += value * taps_x[j, b]
+
+
+@njit(**OPTIONS)
+def edge_weights(image, scale, lo, hi, out):
     """Write the reweighting of an edge-preserving prior into rows of ``out``.
 
     Charbonnier penalty of the four first differences: weight 1 / √(d² + scale²)
-    (times 1/√2 for the diagonals), so that flat parts are smoothed and edges are kept.
+    (times 1/2 for the diagonals), so that flat parts are smoothed and edges are kept.
 
     Parameters
     ----------
@@ -198,100 +214,68 @@ def edge_weights(image, scale, row_lo, row_hi, out):
         Current estimate, grey levels.
     scale : float
         Difference below which the prior is quadratic, grey levels.
-    out : (4, KH + 2, KW + 2) float32
-        Padded by one; planes: right, below-left, below, below-right.
+    out : (4, KH + 2, ≥ KW + 10) float32
+        Padded by one in front; planes: right, below-left, below, below-right. Zero where a
+        neighbour is outside, as it must have been before.
     """
     height, width = image.shape
     scale2 = np.float32(scale * scale)
-    diagonal = np.float32(0.5)
-    for y in range(row_lo, row_hi):
-        for x in range(width - 1):
-            d = image[y, x + 1] - image[y, x]
-            out[0, y + 1, x + 1] = 1 / np.sqrt(d * d + scale2)
+    one, half = np.float32(1.0), np.float32(0.5)
+    length = 1 + width + LANES
+    lines = np.zeros((2, length), np.float32)
+    for y in range(lo, hi):
+        own, below = y % 2, (y + 1) % 2
+        if y == lo:
+            lines[own, 1 : 1 + width] = image[y]
         if y + 1 < height:
-            for x in range(width):
-                d = image[y + 1, x] - image[y, x]
-                out[2, y + 1, x + 1] = 1 / np.sqrt(d * d + scale2)
-            for x in range(1, width):
-                d = image[y + 1, x - 1] - image[y, x]
-                out[1, y + 1, x + 1] = diagonal / np.sqrt(d * d + scale2)
-            for x in range(width - 1):
-                d = image[y + 1, x + 1] - image[y, x]
-                out[3, y + 1, x + 1] = diagonal / np.sqrt(d * d + scale2)
+            lines[below, 1 : 1 + width] = image[y + 1]
+        here, under = own * length + 1, below * length + 1
+        for x in range(0, width, LANES):
+            at = 1 + x
+            p = here + x
+            inverse_roots(lines, p, p + 1, scale2, one, out[0, y + 1], at)
+            if y + 1 < height:
+                q = under + x
+                inverse_roots(lines, p, q - 1, scale2, half, out[1, y + 1], at)
+                inverse_roots(lines, p, q, scale2, one, out[2, y + 1], at)
+                inverse_roots(lines, p, q + 1, scale2, half, out[3, y + 1], at)
+        out[0, y + 1, width:] = 0
+        out[1, y + 1, 1] = 0
+        for plane in range(1, 4):
+            out[plane, y + 1, 1 + width :] = 0
+        out[3, y + 1, width] = 0
 
 
-@njit(**_OPTIONS)
-def apply_prior(weights, image, row_lo, row_hi, strength, out):
-    """Add ``strength`` times the weighted graph Laplacian of the image to rows of ``out``.
+@njit(**OPTIONS)
+def _add_two(first, second, out):
+    for x in range(out.size):
+        out[x] += first[x] + second[x]
+
+
+@njit(**OPTIONS)
+def softness(prior, strength, share, data, lo, hi, out):
+    """Write 1 / (share · λ · Σ weights + data) of each pixel into rows of ``out``.
 
     Parameters
     ----------
-    weights : (4, KH + 2, KW + 2) float32
-        From :func:`edge_weights`; zero where a neighbour is outside.
-    image : (KH + 4, KW + 4) float32
-        Padded by two.
+    prior : (4, KH + 2, ≥ KW + 10) float32
+    out : (KH, KW) float32
     """
-    width = out.shape[1]
-    s = np.float32(strength)
-    for y in range(row_lo, row_hi):
-        v = y + 2
-        p = y + 1
-        for x in range(width):
-            u = x + 2
-            q = x + 1
-            c = image[v, u]
-            total = weights[0, p, q] * (c - image[v, u + 1])
-            total += weights[0, p, q - 1] * (c - image[v, u - 1])
-            total += weights[2, p, q] * (c - image[v + 1, u])
-            total += weights[2, p - 1, q] * (c - image[v - 1, u])
-            total += weights[1, p, q] * (c - image[v + 1, u - 1])
-            total += weights[1, p - 1, q + 1] * (c - image[v - 1, u + 1])
-            total += weights[3, p, q] * (c - image[v + 1, u + 1])
-            total += weights[3, p - 1, q - 1] * (c - image[v - 1, u - 1])
-            out[y, x] += s * total
+    factor = np.float32(strength * share)
+    least = np.float32(data)
+    one = np.float32(1.0)
+    for y in range(lo, hi):
+        line = out[y]
+        line[:] = 0
+        _add_two(prior[0, y + 1, 1:], prior[0, y + 1], line)
+        _add_two(prior[2, y + 1, 1:], prior[2, y, 1:], line)
+        _add_two(prior[1, y + 1, 1:], prior[1, y, 2:], line)
+        _add_two(prior[3, y + 1, 1:], prior[3, y], line)
+        for x in range(line.size):
+            line[x] = one / (factor * line[x] + least)
 
 
-@njit(**_OPTIONS)
-def advance(step, direction, applied, estimate, residual, row_lo, row_hi):
-    """Take one step of conjugate gradients in rows of estimate and residual, in place."""
-    s = np.float32(step)
-    for y in range(row_lo, row_hi):
-        for x in range(estimate.shape[1]):
-            estimate[y, x] += s * direction[y, x]
-            residual[y, x] -= s * applied[y, x]
-
-
-@njit(**_OPTIONS)
-def dot(first, second, row_lo, row_hi):
-    """Return the sum of products of two images over a band of rows, in float64."""
-    total = 0.0
-    for y in range(row_lo, row_hi):
-        line = np.float32(0.0)
-        for x in range(first.shape[1]):
-            line += first[y, x] * second[y, x]
-        total += line
-    return total
-
-
-@njit(**_OPTIONS)
-def sharpen(image, blurred, amount, row_lo, row_hi, out):
-    """Write image + amount · (image − blurred) into rows of ``out``."""
-    a = np.float32(amount)
-    for y in range(row_lo, row_hi):
-        for x in range(image.shape[1]):
-            out[y, x] = image[y, x] + a * (image[y, x] - blurred[y, x])
-
-
-@njit(**_OPTIONS)
-def turn(factor, sharpened, direction, row_lo, row_hi):
-    """Write the next conjugate direction, sharpened + factor · direction, in place."""
-    f = np.float32(factor)
-    for y in range(row_lo, row_hi):
-        for x in range(direction.shape[1]):
-            direction[y, x] = sharpened[y, x] + f * direction[y, x]
-
-
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def sample_spline(coefficients, position_x, position_y, row_lo, row_hi, out):
     """Write quadratic B-spline samples at HR positions into rows of ``out``; NaN outside.
 
@@ -315,25 +299,23 @@ def sample_spline(coefficients, position_x, position_y, row_lo, row_hi, out):
             if not (px > -half and py > -half and px < width - half and py < height - half):
                 out[row, column] = np.nan
                 continue
-            cx = int(np.floor(px + half))
-            cy = int(np.floor(py + half))
+            # positions are not negative here, and unsigned numbers need no check that they are
+            cx = np.uint64(px + half)
+            cy = np.uint64(py + half)
             tx = px - np.float32(cx)
             ty = py - np.float32(cy)
             x0 = half * (half - tx) * (half - tx)
             x1 = np.float32(0.75) - tx * tx
             x2 = half * (half + tx) * (half + tx)
-            total = np.float32(0.0)
-            for a in range(3):
-                if a == 0:
-                    wy = half * (half - ty) * (half - ty)
-                elif a == 1:
-                    wy = np.float32(0.75) - ty * ty
-                else:
-                    wy = half * (half + ty) * (half + ty)
-                v = cy + a + 1
-                total += wy * (
-                    x0 * coefficients[v, cx + 1]
-                    + x1 * coefficients[v, cx + 2]
-                    + x2 * coefficients[v, cx + 3]
-                )
-            out[row, column] = total
+            y0 = half * (half - ty) * (half - ty)
+            y1 = np.float32(0.75) - ty * ty
+            y2 = half * (half + ty) * (half + ty)
+            a, b, c = cx + np.uint64(1), cx + np.uint64(2), cx + np.uint64(3)
+            above = coefficients[cy + np.uint64(1)]
+            own = coefficients[cy + np.uint64(2)]
+            below = coefficients[cy + np.uint64(3)]
+            out[row, column] = (
+                y0 * (x0 * above[a] + x1 * above[b] + x2 * above[c])
+                + y1 * (x0 * own[a] + x1 * own[b] + x2 * own[c])
+                + y2 * (x0 * below[a] + x1 * below[b] + x2 * below[c])
+            )

@@ -7,8 +7,9 @@ B-spline of nine taps s, all observations together enter the normal equations
     (Bᵀ M B + λ P) f = Bᵀ b,   M = Σ w s sᵀ,   b = Σ w s y,
 
 where M is a symmetric 5 × 5 stencil on the HR grid: 13 numbers a pixel. An iteration
-then costs two separable blurs and one stencil, however many views there are.
-The weighted graph Laplacian P is the edge-preserving prior.
+then costs two separable blurs and one stencil, however many views there are. The pixels
+of the reference view itself lie at regular places: their M is a Kronecker product of two
+five-band matrices. The weighted graph Laplacian P is the edge-preserving prior.
 """
 
 from __future__ import annotations
@@ -19,18 +20,28 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.reconstruction import kernels
-from pipeline.reconstruction.psf import SeparableTaps, blur
+from pipeline.frames import GreyImage
+from pipeline.grid import Grid
+from pipeline.reconstruction import kernels, sweeps
+from pipeline.reconstruction.psf import SeparableTaps
+from pipeline.reconstruction.simd import CELL, LANES
+from pipeline.reconstruction.sweeps import PAD, TAIL
 from pipeline.threads import map_threads
-
-PAD = 2
-"""Pixels around stencil and images, so that the loops need no border case."""
 
 NUM_BANDS = 4
 """Bands of HR rows that are worked on side by side; fixed, so that sums never reorder."""
 
-SHARPENING = 16.0
-"""β of the preconditioner; halves the iterations against none, little changed from 4 to 25."""
+TILE = 48
+"""HR rows whose cells are gathered together, so that they stay in the processor's cache."""
+
+NEGLIGIBLE = 5e-4
+"""Share of the middle tap below which outer taps are left out."""
+
+PRIOR_SHARE = 0.5
+"""Of the preconditioner: how much of the prior's diagonal it takes for what the PSF removed …"""
+
+DATA_SHARE = 0.02
+"""… and what it adds for the observations. Flat from 0.01 to 0.06."""
 
 HrImage = npt.NDArray[np.float32]
 """(K·H, K·W) float32."""
@@ -42,9 +53,15 @@ def bands(height: int) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in pairwise(edges)]
 
 
-def padded(image: HrImage) -> HrImage:
-    """Return the image with ``PAD`` pixels around it, reflected about its edge."""
-    return np.pad(image, PAD, mode="symmetric")
+def half_taps(taps: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    """Return symmetric taps from the middle one outwards, without negligible ones, unit sum.
+
+    >>> half_taps(np.array([1e-5, 0.25, 0.5, 0.25, 1e-5]))
+    array([0.5 , 0.25], dtype=float32)
+    """
+    half = taps[taps.size // 2 :]
+    half = half[: np.flatnonzero(np.abs(half) >= NEGLIGIBLE * np.abs(half[0]))[-1] + 1]
+    return (half / (half[0] + 2 * half[1:].sum())).astype(np.float32)
 
 
 class NormalEquations:
@@ -58,65 +75,119 @@ class NormalEquations:
         From the estimate to spline coefficients, see :func:`psf.sampling_taps`.
     sharpening : SeparableTaps
         The PSF, for the preconditioner.
+    level : float
+        Grey level about which is worked: what is rounded is the difference to it.
     """
 
     def __init__(
-        self, shape: tuple[int, int], taps: SeparableTaps, sharpening: SeparableTaps
+        self,
+        shape: tuple[int, int],
+        taps: SeparableTaps,
+        sharpening: SeparableTaps,
+        level: float = 0.0,
     ) -> None:
         self.shape = shape
-        self.taps = taps
-        self.sharpening = sharpening
+        self._level = np.float32(level)
+        self._along = half_taps(taps.x), half_taps(taps.y)
+        self._sharpening = half_taps(sharpening.x), half_taps(sharpening.y)
         height, width = shape
-        # the padding also keeps the planes from lying a power of two apart in memory,
-        # where they would compete for the same lines of the processor's cache
-        self._couplings = np.zeros((kernels.NUM_COUPLINGS, height + 4, width + 4), np.float32)
+        self._regular = False
+        self._across = np.zeros((5, width), np.float32)
+        self._down = np.zeros((5, height), np.float32)
+        self._couplings = np.zeros((kernels.NUM_COUPLINGS, 1, 1), np.uint16)
+        self._units = np.zeros(height + 2 * PAD, np.float32)
         self._rhs = np.zeros(shape, np.float32)
         self._bands = bands(shape[0])
+        self._scratch = [np.empty(shape, np.float32) for _ in range(5)]
         self.steps = 0
 
     def gather(self, observations: Sequence[tuple[HrImage, HrImage, HrImage, HrImage]]) -> None:
-        """Add observations: (x, y, value, weight) of each view, (H, W) float32, HR pixels."""
-        inner = self._couplings[:, PAD:-PAD, PAD:-PAD]
+        """Take observations in place of all before: (x, y, value, weight) of each view.
+
+        All are (H, W) float32, x and y in HR pixels. M is kept in 16 bits a coupling,
+        relative to the largest one in its row.
+        """
+        height, width = self.shape
+        shape = (kernels.NUM_COUPLINGS, height + 2 * PAD, PAD + width + TAIL)
+        if self._couplings.shape != shape:
+            self._couplings = np.zeros(shape, np.uint16)
+        self._regular = False
+        landing = map_threads(lambda view: _landing_rows(view[1], height), observations)
+        tile = min(TILE, max(hi - lo for lo, hi in self._bands))
 
         def add(band: tuple[int, int]) -> None:
-            for x, y, value, weight in observations:
-                kernels.gather_observations(x, y, value, weight, *band, inner, self._rhs)
+            cells = np.empty(((tile + 4) * (width + 2) + LANES) * CELL, np.float32)
+            for lo in range(band[0], band[1], tile):
+                hi = min(lo + tile, band[1])
+                cells[:] = 0
+                for (x, y, value, weight), (first, last) in zip(observations, landing, strict=True):
+                    kernels.gather_observations(
+                        x, y, value, weight, first, last, self._level, lo, hi, height, width, cells
+                    )
+                kernels.spread_cells(cells, lo, hi, width, self._couplings, self._units, self._rhs)
 
         map_threads(add, self._bands)
+
+    def gather_regular(self, observed: GreyImage, grid: Grid) -> None:
+        """Take the pixels of the reference view itself in place of all observations before."""
+        height, width = self.shape
+        columns, taps_x = _regular_taps(
+            observed.shape[1], grid.magnification_x, grid.offset_x, width
+        )
+        rows, taps_y = _regular_taps(observed.shape[0], grid.magnification_y, grid.offset_y, height)
+        self._across = _five_bands(columns, taps_x, width)
+        self._down = _five_bands(rows, taps_y, height)
+        self._regular = True
+        self._rhs[:] = 0
+        kernels.gather_regular(observed, self._level, columns, taps_x, rows, taps_y, self._rhs)
 
     @property
     def density(self) -> HrImage:
         """(KH, KW): weight of the observations around each HR pixel (the stencil's diagonal)."""
-        return self._couplings[0, PAD:-PAD, PAD:-PAD]
+        if self._regular:
+            return np.outer(self._down[2], self._across[2])
+        inner = self._couplings[0, PAD:-PAD, PAD : PAD + self.shape[1]]
+        return inner * self._units[PAD:-PAD, None]
 
     def apply(self, image: HrImage, prior: npt.NDArray[np.float32], strength: float) -> HrImage:
         """Return (Bᵀ M B + λ P) times the image, a new array.
 
         Parameters
         ----------
-        prior : (4, KH + 2, KW + 2) float32
+        prior : (4, KH + 2, KW + 1 + TAIL) float32
             Edge weights, see :func:`kernels.edge_weights`.
         strength : float
             λ.
         """
-        coefficients = np.pad(blur(image, self.taps), PAD)
-        sampled = np.empty(self.shape, np.float32)
-        map_threads(
-            lambda band: kernels.apply_couplings(self._couplings, coefficients, *band, sampled),
-            self._bands,
-        )
-        result = blur(sampled, self.taps)
-        surrounded = np.pad(image, PAD)
-        map_threads(
-            lambda band: kernels.apply_prior(prior, surrounded, *band, strength, result),
-            self._bands,
-        )
-        return result
+        out = np.empty(self.shape, np.float32)
+        self._apply(image, prior, strength, out)
+        return out
 
-    def edge_weights(self, estimate: HrImage, scale: float) -> npt.NDArray[np.float32]:
-        """Return the prior's weights at an estimate, (4, KH + 2, KW + 2) float32."""
+    def _apply(
+        self, image: HrImage, prior: npt.NDArray[np.float32], strength: float, out: HrImage
+    ) -> float:
+        """Write the matrix times the image; return the scalar product of the two."""
+        return float(
+            sum(
+                map_threads(
+                    lambda band: sweeps.apply_band(
+                        image, *self._along, self._regular, self._across, self._down,
+                        self._couplings, self._units, prior, strength, *band, out,
+                    ),
+                    self._bands,
+                )
+            )
+        )  # fmt: skip
+
+    def edge_weights(
+        self, estimate: HrImage, scale: float, out: npt.NDArray[np.float32] | None = None
+    ) -> npt.NDArray[np.float32]:
+        """Return the prior's weights at an estimate, (4, KH + 2, KW + 1 + TAIL) float32.
+
+        ``out``, where given, is what an earlier call returned, and is overwritten.
+        """
         height, width = self.shape
-        weights = np.zeros((4, height + 2, width + 2), np.float32)
+        weights = np.zeros((4, height + 2, 1 + width + TAIL), np.float32) if out is None else out
         map_threads(lambda band: kernels.edge_weights(estimate, scale, *band, weights), self._bands)
         return weights
 
@@ -135,56 +206,100 @@ class NormalEquations:
         (preconditioned) residual has fallen to the share ``settled`` of what it was;
         ``steps`` counts them.
         """
-        estimate = estimate.copy()
-        residual = blur(self._rhs, self.taps)
-        residual -= self.apply(estimate, prior, strength)
-        sharpened = self._sharpen(residual)
-        direction = sharpened.copy()
-        first = energy = self._dot(residual, sharpened)
+        residual, applied, sharpened, direction, softness = self._scratch
+        estimate = estimate - self._level
+        map_threads(
+            lambda band: kernels.softness(
+                prior, strength, PRIOR_SHARE, DATA_SHARE, *band, softness
+            ),
+            self._bands,
+        )  # fmt: skip
+        self._blur(self._rhs, residual)
+        self._apply(estimate, prior, strength, applied)
+        residual -= applied
+        first = energy = self._sharpen(residual, softness, direction)
         for iteration in range(iterations):
-            applied = self.apply(direction, prior, strength)
-            curvature = self._dot(direction, applied)
+            curvature = self._apply(direction, prior, strength, applied)
             if not (energy > 0 and curvature > 0):
                 break
             self._advance(energy / curvature, direction, applied, estimate, residual)
             self.steps += 1
             if iteration + 1 == iterations:
                 break
-            sharpened = self._sharpen(residual)
-            previous, energy = energy, self._dot(residual, sharpened)
+            previous, energy = energy, self._sharpen(residual, softness, sharpened)
             if energy < settled**2 * first:
                 break
             self._turn(energy / previous, sharpened, direction)
+        estimate += self._level
         return estimate
 
-    def _dot(self, first: HrImage, second: HrImage) -> float:
-        """Return the scalar product; the bands are fixed, so it is the same on any machine."""
-        return float(sum(map_threads(lambda band: kernels.dot(first, second, *band), self._bands)))
+    def _blur(self, image: HrImage, out: HrImage) -> None:
+        map_threads(lambda band: sweeps.blur_band(image, *self._along, *band, out), self._bands)
 
     def _advance(
         self, step: float, direction: HrImage, applied: HrImage, estimate: HrImage,
         residual: HrImage,
     ) -> None:  # fmt: skip
         map_threads(
-            lambda band: kernels.advance(step, direction, applied, estimate, residual, *band),
+            lambda band: sweeps.advance(step, direction, applied, estimate, residual, *band),
             self._bands,
         )
 
     def _turn(self, factor: float, sharpened: HrImage, direction: HrImage) -> None:
-        map_threads(lambda band: kernels.turn(factor, sharpened, direction, *band), self._bands)
+        map_threads(lambda band: sweeps.turn(factor, sharpened, direction, *band), self._bands)
 
-    def _sharpen(self, image: HrImage) -> HrImage:
-        """Return (1 + β) I − β G times the image: the preconditioner, a new array.
+    def _sharpen(self, image: HrImage, softness: HrImage, out: HrImage) -> float:
+        """Write I + (I − G) e (I − G) times the image; return the scalar product of the two.
 
-        What the PSF has weakened converges slowly; a step of unsharp masking with the PSF
-        itself weighs it up. Symmetric, and positive definite as 0 ≤ G ≤ 1.
+        The preconditioner. What the PSF G has removed is told by the prior alone, weakly and
+        differently from pixel to pixel: e is the inverse of its diagonal, and of what little
+        the observations say. Symmetric, and positive definite as e > 0.
         """
-        blurred = blur(image, self.sharpening)
-        result = np.empty(self.shape, np.float32)
-        map_threads(
-            lambda band: kernels.sharpen(image, blurred, SHARPENING, *band, result), self._bands
+        return float(
+            sum(
+                map_threads(
+                    lambda band: sweeps.sharpen_band(
+                        image, *self._sharpening, softness, *band, out
+                    ),
+                    self._bands,
+                )
+            )
         )
-        return result
+
+
+def _landing_rows(y: HrImage, height: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Return the first and the last HR row on which pixels of each LR row land."""
+    first, last = (np.empty(y.shape[0], np.int32) for _ in range(2))
+    kernels.landing_rows(y, height, first, last)
+    return first, last
+
+
+def _regular_taps(
+    count: int, magnification: int, offset: float, size: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+    """Return the nearest HR pixel (count,) and the folded spline taps (count, 3) of LR pixels."""
+    position = magnification * np.arange(count) + offset
+    centre = np.floor(position + 0.5).astype(np.int64)
+    t = position - centre
+    taps = np.stack([0.5 * (0.5 - t) ** 2, 0.75 - t**2, 0.5 * (0.5 + t) ** 2], axis=1)
+    for edge, outer in ((0, 0), (size - 1, 2)):
+        at = centre == edge
+        taps[at, 1] += taps[at, outer]
+        taps[at, outer] = 0
+    return centre, taps.astype(np.float32)
+
+
+def _five_bands(
+    centre: npt.NDArray[np.int64], taps: npt.NDArray[np.float32], size: int
+) -> npt.NDArray[np.float32]:
+    """Return Σ s sᵀ along one axis: (5, size), the coupling with the pixels −2 … 2 beside."""
+    found = np.zeros((5, size), np.float32)
+    for a in range(3):
+        at = centre + a - 1
+        inside = (at >= 0) & (at < size)
+        for b in range(3):
+            np.add.at(found[b - a + 2], at[inside], taps[inside, a] * taps[inside, b])
+    return found
 
 
 def simulate(
@@ -194,8 +309,16 @@ def simulate(
 
     Thesis Eq. 8, the sum. Adjoint of the gathering of a residual with unit weights.
     """
-    coefficients = padded(blur(estimate, taps))
-    return sample(coefficients, x, y)
+    return sample(spline_coefficients(estimate, taps), x, y)
+
+
+def spline_coefficients(estimate: HrImage, taps: SeparableTaps) -> HrImage:
+    """Return B times the estimate, with ``PAD`` pixels around it, reflected about its edge."""
+    along = half_taps(taps.x), half_taps(taps.y)
+    out = np.empty(estimate.shape, np.float32)
+    image = np.ascontiguousarray(estimate, np.float32)
+    map_threads(lambda band: sweeps.blur_band(image, *along, *band, out), bands(estimate.shape[0]))
+    return np.pad(out, PAD, mode="symmetric")
 
 
 def sample(coefficients: HrImage, x: HrImage, y: HrImage) -> npt.NDArray[np.float32]:

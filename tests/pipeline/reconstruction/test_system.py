@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.grid import Grid, Sampling
-from pipeline.reconstruction import kernels
+from pipeline.reconstruction import kernels, sweeps
 from pipeline.reconstruction.psf import GaussianPsf, SeparableTaps, psf_taps, sampling_taps
+from pipeline.reconstruction.simd import CELL
 from pipeline.reconstruction.system import NormalEquations, bands, simulate
 from pipeline.threads import set_threads, thread_count
 
@@ -40,7 +41,7 @@ def _observations(shape=HR_SHAPE, count=(9, 14), seed: int = 1):
 
 
 def _no_prior(shape=HR_SHAPE) -> np.ndarray:
-    return np.zeros((4, shape[0] + 2, shape[1] + 2), np.float32)
+    return np.zeros((4, shape[0] + 2, 1 + shape[1] + sweeps.TAIL), np.float32)
 
 
 def _system(*observations, shape=HR_SHAPE, taps=TAPS, sharpening=None) -> NormalEquations:
@@ -113,16 +114,57 @@ def test_the_matrix_is_linear():
 # --- gathering ---------------------------------------------------------------------------
 
 
-def test_gathering_twice_is_gathering_both():
+def test_views_add_up():
     first, second = _observations(seed=1), _observations(count=(4, 5), seed=2)
-    together = _system(first, second)
-    apart = _system(first)
-    apart.gather([second])
+    together, *apart = _system(first, second), _system(first), _system(second)
     image = _image()
-    np.testing.assert_allclose(
-        apart.apply(image, _no_prior(), 0.0), together.apply(image, _no_prior(), 0.0), atol=1e-3
+    applied = sum(system.apply(image, _no_prior(), 0.0) for system in apart)
+    found = together.apply(image, _no_prior(), 0.0)
+    np.testing.assert_allclose(found, applied, atol=2e-4 * np.abs(found).max())
+    np.testing.assert_allclose(together.density, sum(system.density for system in apart), atol=1e-4)
+
+
+def test_gathering_takes_the_place_of_what_was_gathered_before():
+    first, second = _observations(seed=1), _observations(count=(4, 5), seed=2)
+    system = _system(first)
+    system.gather([second])
+    image = _image()
+    np.testing.assert_array_equal(
+        system.apply(image, _no_prior(), 0.0), _system(second).apply(image, _no_prior(), 0.0)
     )
-    np.testing.assert_allclose(apart.density, together.density, atol=1e-6)
+
+
+@pytest.mark.parametrize("sampling", list(Sampling))
+@pytest.mark.parametrize("magnification", [(2, 2), (3, 2), (2, 1), (4, 4)])
+def test_regular_places_are_places_like_others(magnification, sampling):
+    """The reference view's own pixels, by two five-band matrices and by couplings."""
+    grid = Grid(magnification_x=magnification[0], magnification_y=magnification[1],
+                sampling=sampling)  # fmt: skip
+    observed = _image((9, 13), 3)
+    shape = grid.hr_shape(observed.shape)
+    taps = sampling_taps(PSF, grid)
+    x, y = _points(grid, observed.shape)
+    gathered = _system((x, y, observed, np.ones_like(observed)), shape=shape, taps=taps)
+    regular = _system(shape=shape, taps=taps)
+    regular.gather_regular(observed, grid)
+    image = _image(shape, 4)
+    expected = gathered.apply(image, _no_prior(shape), 0.0)
+    found = regular.apply(image, _no_prior(shape), 0.0)
+    np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
+    np.testing.assert_allclose(regular.density, gathered.density, atol=1e-4)
+    start, prior = np.full(shape, 99, np.float32), _no_prior(shape)
+    np.testing.assert_allclose(
+        regular.descend(start, prior, 0.0, 3), gathered.descend(start, prior, 0.0, 3), atol=0.05
+    )
+
+
+def test_a_plain_at_the_level_about_which_is_worked_stays_exactly():
+    """Couplings are rounded to 16 bits: only the difference to the level feels it."""
+    observations = [_observations(count=(20, 30), seed=seed) for seed in range(6)]
+    plain = np.full(HR_SHAPE, 255, np.float32)
+    about_plain = NormalEquations(HR_SHAPE, TAPS, psf_taps(PSF, GRID), level=255.0)
+    about_plain.gather([(x, y, np.full_like(value, 255), w) for x, y, value, w in observations])
+    assert np.abs(about_plain.descend(plain, _no_prior(), 0.0, 1) - 255).max() == 0
 
 
 def test_weights_scale_what_they_weigh_and_zero_leaves_out():
@@ -168,21 +210,32 @@ def test_bands_cover_every_row_once(height):
     assert all(low < high for low, high in bands(height))
 
 
+def _spread_out(views, rows):
+    """Couplings, units and right-hand side of HR_SHAPE, gathered by tiles between ``rows``."""
+    height, width = HR_SHAPE
+    couplings = np.zeros((kernels.NUM_COUPLINGS, height + 4, 2 + width + sweeps.TAIL), np.uint16)
+    units, rhs = np.zeros(height + 4, np.float32), np.zeros(HR_SHAPE, np.float32)
+    for low, high in pairwise(rows):
+        cells = np.zeros(((high - low + 4) * (width + 2) + 8) * CELL, np.float32)
+        for x, y, value, weight in views:
+            first, last = (np.empty(x.shape[0], np.int32) for _ in range(2))
+            kernels.landing_rows(y, height, first, last)
+            kernels.gather_observations(
+                x, y, value, weight, first, last, np.float32(0), low, high, height, width, cells
+            )
+        kernels.spread_cells(cells, low, high, width, couplings, units, rhs)
+    return couplings[:, 2:-2, 2 : 2 + width] * units[2:-2, None], rhs
+
+
 @given(seed=st.integers(0, 20), cuts=st.lists(st.integers(1, HR_SHAPE[0] - 1), max_size=4))
-def test_gathering_by_bands_is_gathering_at_once(seed, cuts):
-    observations = _observations(count=(11, 17), seed=seed)
-    edges = [0, *sorted(set(cuts)), HR_SHAPE[0]]
-    results = []
-    for split in ([0, HR_SHAPE[0]], edges):
-        couplings = np.zeros((kernels.NUM_COUPLINGS, *HR_SHAPE), np.float32)
-        rhs = np.zeros(HR_SHAPE, np.float32)
-        for low, high in pairwise(split):
-            kernels.gather_observations(*observations, low, high, couplings, rhs)
-        results.append((couplings, rhs))
-    (couplings, rhs), (by_bands, rhs_by_bands) = results
+def test_gathering_by_tiles_is_gathering_at_once(seed, cuts):
+    views = [_observations(count=(11, 17), seed=seed), _observations(count=(5, 6), seed=seed + 1)]
+    couplings, rhs = _spread_out(views, [0, HR_SHAPE[0]])
+    by_tiles, rhs_by_tiles = _spread_out(views, [0, *sorted(set(cuts)), HR_SHAPE[0]])
     assert couplings[0].sum() > 0
-    np.testing.assert_allclose(by_bands, couplings, rtol=1e-5, atol=1e-7)
-    np.testing.assert_allclose(rhs_by_bands, rhs, rtol=1e-5, atol=1e-4)
+    # a tile knows fewer rows around its last ones, and may take a smaller unit for them
+    np.testing.assert_allclose(by_tiles, couplings, atol=2e-5 * couplings.max())
+    np.testing.assert_allclose(rhs_by_tiles, rhs, rtol=1e-5, atol=1e-4)
 
 
 def test_one_thread_or_two_gather_and_solve_the_same_bits():
@@ -202,26 +255,26 @@ def test_one_thread_or_two_gather_and_solve_the_same_bits():
 
 
 @given(cuts=st.lists(st.integers(1, HR_SHAPE[0] - 1), max_size=4))
-def test_stencil_prior_and_samples_by_bands_are_the_same_bits(cuts):
+@pytest.mark.parametrize("regular", [False, True])
+def test_sweeps_by_bands_are_the_same_bits(regular, cuts):
     system = _system(_observations())
-    image = np.pad(_image(), 2)
-    couplings = np.random.default_rng(0).normal(size=(13, 26, 38)).astype(np.float32)
+    if regular:
+        system.gather_regular(_image((11, 17)), GRID)
+    image = _image()
     x, y, _, _ = _observations(count=(HR_SHAPE[0], 7))
     results = []
     for split in ([0, HR_SHAPE[0]], [0, *sorted(set(cuts)), HR_SHAPE[0]]):
-        stencil = np.empty(HR_SHAPE, np.float32)
-        weights = np.zeros((4, HR_SHAPE[0] + 2, HR_SHAPE[1] + 2), np.float32)
+        system._bands = list(pairwise(split))
+        prior = system.edge_weights(_image(seed=3), 5.0)
+        applied = system.apply(image, prior, 0.7)
+        sharpened, softness = np.empty_like(image), _image(seed=5)
+        system._sharpen(image, softness, sharpened)
         samples = np.empty(x.shape, np.float32)
         for low, high in pairwise(split):
-            kernels.apply_couplings(couplings, image, low, high, stencil)
-            kernels.edge_weights(_image(seed=3), 5.0, low, high, weights)
-            kernels.sample_spline(image, x, y, low, high, samples)
-        for low, high in pairwise(split):
-            kernels.apply_prior(weights, image, low, high, 0.7, stencil)
-        results.append((stencil, weights, samples))
+            kernels.sample_spline(np.pad(image, 2), x, y, low, high, samples)
+        results.append((applied, prior, sharpened, samples))
     for once, by_bands in zip(*results, strict=True):
         np.testing.assert_array_equal(once, by_bands)
-    assert system.density.any()
 
 
 # --- prior -------------------------------------------------------------------------------

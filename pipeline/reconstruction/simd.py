@@ -1,0 +1,327 @@
+"""Eight pixels at once: the four loops that the compiler does not vectorise by itself.
+
+Each function here becomes a few vector instructions (LLVM's ``<8 x float>``, which any
+processor has or emulates); it is called from compiled loops only. Arrays are addressed by a
+number of elements from their first one, and nothing is checked: callers keep arrays padded so
+that eight elements from the last pixel of a row lie within them.
+"""
+
+from __future__ import annotations
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+LANES = 8
+"""Pixels worked on together."""
+
+CELL = 16
+"""Numbers kept for each HR pixel while observations are gathered, see :func:`add_nine`."""
+
+_FLOAT, _WORD, _SHORT = ir.FloatType(), ir.IntType(32), ir.IntType(16)
+_FLOATS = ir.VectorType(_FLOAT, LANES)
+_WORDS = ir.VectorType(_WORD, LANES)
+_SHORTS = ir.VectorType(_SHORT, LANES)
+_ZEROS = ir.Constant(_FLOATS, [0.0] * LANES)
+
+
+class _Eight:
+    """Writes instructions on eight numbers; sums may be contracted to multiply-adds."""
+
+    flags = ("contract", "reassoc", "nsz", "arcp")
+
+    def __init__(self, builder: ir.IRBuilder) -> None:
+        self.builder = builder
+
+    def spread(self, number):
+        """Return eight times the same number."""
+        undefined = ir.Constant(_FLOATS, ir.Undefined)
+        first = self.builder.insert_element(undefined, number, ir.Constant(_WORD, 0))
+        return self.builder.shuffle_vector(first, undefined, ir.Constant(_WORDS, [0] * LANES))
+
+    def choose(self, first, second, lanes):
+        """Return the lanes named, 0 to 7 of the first and 8 to 15 of the second."""
+        return self.builder.shuffle_vector(first, second, ir.Constant(_WORDS, lanes))
+
+    def add(self, first, second):
+        return self.builder.fadd(first, second, flags=self.flags)
+
+    def subtract(self, first, second):
+        return self.builder.fsub(first, second, flags=self.flags)
+
+    def times(self, first, second):
+        return self.builder.fmul(first, second, flags=self.flags)
+
+    def place(self, data, at, more: int = 0, kind=_FLOATS):
+        """Return the address of eight elements, ``more`` behind ``at``."""
+        where = self.builder.add(at, ir.Constant(at.type, more)) if more else at
+        return self.builder.bitcast(self.builder.gep(data, [where]), kind.as_pointer())
+
+    def load(self, data, at, more: int = 0):
+        return self.builder.load(self.place(data, at, more), align=4)
+
+    def store(self, value, data, at, more: int = 0) -> None:
+        self.builder.store(value, self.place(data, at, more), align=4)
+
+    def load_shorts(self, data, at, more: int = 0):
+        """Return eight unsigned 16-bit numbers as floats."""
+        found = self.builder.load(self.place(data, at, more, _SHORTS), align=2)
+        return self.builder.uitofp(self.builder.zext(found, _WORDS), _FLOATS)
+
+    def inverse_root(self, value):
+        """Return 1 / √value."""
+        kind = ir.FunctionType(_FLOATS, [_FLOATS])
+        name = f"llvm.sqrt.v{LANES}f32"
+        root = cgutils.get_or_insert_function(self.builder.module, kind, name)
+        ones = ir.Constant(_FLOATS, [1.0] * LANES)
+        return self.builder.fdiv(ones, self.builder.call(root, [value]), flags=self.flags)
+
+
+def _data(context, builder, signature, arguments, number: int):
+    """Return the address of the first element of an array argument."""
+    return context.make_array(signature.args[number])(context, builder, arguments[number]).data
+
+
+@intrinsic
+def add_nine(typing_context, cells, at, stride, x0, x1, x2, y0, y1, y2, weight, value):
+    """Add one observation to the cells of the nine HR pixels around it, in place.
+
+    Cell (a, b) gets w · y_a · x_b · (y_a x_b … y_{a+2} x_{b+2}): numbers 0 to 12 are the
+    pixel's couplings in the order of the planes of ``kernels.spread_cells``; number 13 gets
+    value · y_a · x_b.
+
+    Parameters
+    ----------
+    cells : float32 array
+    at, stride : intp
+        Of the first of the nine cells; from a row of cells to the next.
+    x0 … y2, weight, value : float32
+        Taps along both axes; weight w; weight times grey level.
+    """
+    signature = types.void(cells, types.intp, types.intp, *(types.float32,) * 8)
+
+    def generate(context, builder, signature, arguments):
+        eight = _Eight(builder)
+        data = _data(context, builder, signature, arguments, 0)
+        start, pitch = arguments[1], arguments[2]
+        x, y = arguments[3:6], arguments[6:9]
+        weight, value = arguments[9], arguments[10]
+        taps = _ZEROS
+        one = ir.Constant(_FLOAT, 1.0)
+        for lane, number in enumerate((*x, one)):
+            taps = builder.insert_element(taps, number, ir.Constant(_WORD, lane))
+
+        def tap(column: int) -> int:
+            return column if 0 <= column <= 2 else LANES  # beyond: the zero of the other vector
+
+        across = []
+        for b in range(3):
+            below = [tap(b + d) for d in range(-2, 3)]
+            own = eight.spread(x[b])
+            low = eight.choose(taps, _ZEROS, [tap(b), tap(b + 1), tap(b + 2), *below])
+            high = eight.choose(taps, _ZEROS, [*below, 3, LANES, LANES])
+            across.append((eight.times(low, own), eight.times(high, own)))
+        for a in range(3):
+            own = eight.times(weight, y[a])
+            rows = [
+                eight.spread(eight.times(own, y[a + d])) if a + d <= 2 else _ZEROS for d in range(3)
+            ]
+            right = eight.spread(eight.times(value, y[a]))
+            low = eight.choose(rows[0], rows[1], [0, 1, 2, *range(LANES + 3, 2 * LANES)])
+            high = eight.choose(rows[2], right, [0, 1, 2, 3, 4, *range(LANES + 5, 2 * LANES)])
+            line = builder.add(start, builder.mul(pitch, ir.Constant(pitch.type, a)))
+            for b in range(3):
+                for half, (down, along) in enumerate(zip((low, high), across[b], strict=True)):
+                    more = CELL * b + LANES * half
+                    before = eight.load(data, line, more)
+                    eight.store(eight.add(before, eight.times(down, along)), data, line, more)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def planes_of_eight(typing_context, cells, at, inverse, planes, to, plane, values, to_value):
+    """Turn the cells of eight pixels into eight entries of each plane.
+
+    Parameters
+    ----------
+    cells : float32 array
+        Of :func:`add_nine`.
+    at : intp
+        Of the first cell.
+    inverse : float32
+        Couplings are multiplied by it, and rounded.
+    planes : uint16 array
+    to, plane : intp
+        Of the first of the eight in plane 0; from plane to plane.
+    values, to_value : float32 array, intp
+        Where the last number of the cells goes.
+    """
+    signature = types.void(
+        cells, types.intp, types.float32, planes, types.intp, types.intp, values, types.intp
+    )
+    last = 13
+
+    def generate(context, builder, signature, arguments):
+        eight = _Eight(builder)
+        source, target, right = (
+            _data(context, builder, signature, arguments, number) for number in (0, 3, 6)
+        )
+        at, to, plane = arguments[1], arguments[4], arguments[5]
+        inverse = eight.spread(arguments[2])
+        half = ir.Constant(_FLOATS, [0.5] * LANES)
+        for part in range(2):
+            rows = [eight.load(source, at, CELL * pixel + LANES * part) for pixel in range(LANES)]
+            for _ in range(3):  # three perfect shuffles transpose eight by eight
+                pairs = [(rows[i], rows[i + 4]) for i in range(4)]
+                low = [lane // 2 + LANES * (lane % 2) for lane in range(LANES)]
+                high = [number + 4 for number in low]
+                rows = [eight.choose(*pair, lanes) for pair in pairs for lanes in (low, high)]
+            for lane, row in enumerate(rows):
+                number = LANES * part + lane
+                if number == last:
+                    eight.store(row, right, arguments[7])
+                if number >= last:
+                    continue
+                whole = builder.fptosi(eight.add(eight.times(row, inverse), half), _WORDS)
+                where = builder.add(to, builder.mul(plane, ir.Constant(plane.type, number)))
+                address = eight.place(target, where, kind=_SHORTS)
+                builder.store(builder.trunc(whole, _SHORTS), address, align=2)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def stencil_eight(
+    typing_context, couplings, at, plane, pitch, s0, s1, s2, image, g0, g1, g2, g3, g4, out, to
+):
+    """Write the symmetric 5 × 5 stencil at eight pixels of a row.
+
+    Parameters
+    ----------
+    couplings : uint16 array
+        Thirteen planes, see ``kernels.spread_cells``.
+    at, plane, pitch : intp
+        Of the first pixel in plane 0; from plane to plane; from row to row.
+    s0, s1, s2 : float32
+        What a unit of the couplings is worth: in this row, one above, two above.
+    image : float32 array
+    g0 … g4 : intp
+        Of the first pixel in the rows two above to two below.
+    out, to : float32 array, intp
+        Where the result goes.
+    """
+    signature = types.void(
+        couplings, *(types.intp,) * 3, *(types.float32,) * 3, image, *(types.intp,) * 5,
+        out, types.intp,
+    )  # fmt: skip
+
+    def generate(context, builder, signature, arguments):
+        eight = _Eight(builder)
+        planes, pixels, result = (
+            _data(context, builder, signature, arguments, number) for number in (0, 7, 13)
+        )
+        first, plane, pitch = arguments[1:4]
+        units, rows, to = arguments[4:7], arguments[8:13], arguments[14]
+
+        def coupling(number: int, up: int, dx: int):
+            where = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
+            where = builder.sub(where, builder.mul(pitch, ir.Constant(pitch.type, up)))
+            return eight.load_shorts(planes, where, dx)
+
+        def pixel(row: int, dx: int):
+            return eight.load(pixels, rows[row], dx)
+
+        own = eight.times(coupling(0, 0, 0), pixel(2, 0))
+        below, above, far = _ZEROS, _ZEROS, _ZEROS
+        for d in (1, 2):
+            own = eight.add(own, eight.times(coupling(d, 0, 0), pixel(2, d)))
+            below = eight.add(below, eight.times(coupling(d, 0, -d), pixel(2, -d)))
+        for d in range(-2, 3):
+            own = eight.add(own, eight.times(coupling(5 + d, 0, 0), pixel(3, d)))
+            below = eight.add(below, eight.times(coupling(10 + d, 0, 0), pixel(4, d)))
+            above = eight.add(above, eight.times(coupling(5 + d, 1, -d), pixel(1, -d)))
+            far = eight.add(far, eight.times(coupling(10 + d, 2, -d), pixel(0, -d)))
+        total = eight.times(eight.add(own, below), eight.spread(units[0]))
+        total = eight.add(total, eight.times(above, eight.spread(units[1])))
+        total = eight.add(total, eight.times(far, eight.spread(units[2])))
+        eight.store(total, result, to)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def prior_eight(typing_context, weights, at, plane, pitch, image, up, row, down, strength, out, to):
+    """Add ``strength`` times the weighted graph Laplacian at eight pixels of a row, in place.
+
+    Parameters
+    ----------
+    weights : float32 array
+        Four planes, see ``kernels.edge_weights``; ``at``, ``plane`` and ``pitch`` as above.
+    image : float32 array
+    up, row, down : intp
+        Of the first pixel in the row above, this one and the row below.
+    """
+    signature = types.void(
+        weights, *(types.intp,) * 3, image, *(types.intp,) * 3, types.float32, out, types.intp
+    )
+
+    def generate(context, builder, signature, arguments):
+        eight = _Eight(builder)
+        planes, pixels, result = (
+            _data(context, builder, signature, arguments, number) for number in (0, 4, 9)
+        )
+        first, plane, pitch = arguments[1:4]
+        above, row, below = arguments[5:8]
+        strength, to = arguments[8], arguments[10]
+        centre = eight.load(pixels, row)
+        total = _ZEROS
+        steps = ((0, 0, 1), (1, 1, -1), (2, 1, 0), (3, 1, 1))
+        for number, down, dx in steps:
+            own = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
+            back = builder.sub(own, builder.mul(pitch, ir.Constant(pitch.type, down)))
+            ahead = eight.load(pixels, below if down else row, dx)
+            behind = eight.load(pixels, above if down else row, -dx)
+            total = eight.add(
+                total, eight.times(eight.load(planes, own), eight.subtract(centre, ahead))
+            )
+            total = eight.add(
+                total, eight.times(eight.load(planes, back, -dx), eight.subtract(centre, behind))
+            )
+        total = eight.times(total, eight.spread(strength))
+        eight.store(eight.add(eight.load(result, to), total), result, to)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def inverse_roots(typing_context, image, first, second, scale2, factor, out, to):
+    """Write factor / √(d² + scale2), d the differences of eight pixels and eight others.
+
+    Parameters
+    ----------
+    image : float32 array
+    first, second : intp
+        Of the first pixel, and of the first of the others.
+    """
+    signature = types.void(
+        image, types.intp, types.intp, types.float32, types.float32, out, types.intp
+    )
+
+    def generate(context, builder, signature, arguments):
+        eight = _Eight(builder)
+        pixels = _data(context, builder, signature, arguments, 0)
+        result = _data(context, builder, signature, arguments, 5)
+        first, second, scale2, factor = arguments[1:5]
+        away = eight.subtract(eight.load(pixels, second), eight.load(pixels, first))
+        square = eight.add(eight.times(away, away), eight.spread(scale2))
+        value = eight.times(eight.inverse_root(square), eight.spread(factor))
+        eight.store(value, result, arguments[6])
+        return context.get_dummy_value()
+
+    return signature, generate
