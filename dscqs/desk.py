@@ -129,6 +129,7 @@ class Desk:
         self._lock = threading.RLock()
         self._group_lock = threading.RLock()
         self._live: dict[str, Live] = {}
+        self._cookies: dict[str, str] = {}
 
     # Operators
 
@@ -234,15 +235,26 @@ class Desk:
     def enter(self, link: str) -> tuple[str, str]:
         """Use a link up; return the session and the secret of a new cookie."""
         cookie = self._secret()
-        session = self.store.use_link(hashed(link), hashed(cookie))
+        with self._lock:
+            session = self.store.use_link(hashed(link), hashed(cookie))
+            for key in [key for key, owner in self._cookies.items() if owner == session]:
+                del self._cookies[key]
         self._take(self._get(session), Joined())
         return session, cookie
 
     def identify(self, cookie: str | None) -> str:
         """Return the session that a cookie lets in."""
-        session = self.store.session_of(hashed(cookie)) if cookie else None
+        key = hashed(cookie) if cookie else ""
+        session = self._cookies.get(key)
         if session is None:
-            raise NotLoggedIn("open the link that you were given; it works once, in one browser")
+            session = self.store.session_of(key)
+            if session is None:
+                raise NotLoggedIn(
+                    "open the link that you were given; it works once, in one browser"
+                )
+            with self._lock:  # not while a newer link is being opened
+                if self.store.session_of(key) == session:
+                    self._cookies[key] = session
         return session
 
     def state(self, session: str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from dscqs.order import Kind
+from dscqs.report.content import LogEntry
 from dscqs.store import SessionRecord, SessionStore, StoredEvent, TestRecord
 from dscqs.votes import Vote, format_csv
 
@@ -67,6 +68,25 @@ def test_document(store: SessionStore, test: str) -> dict[str, Any]:
             for session in store.sessions(test)
         ],
     }  # fmt: skip
+
+
+def session_log(store: SessionStore, test: str) -> list[LogEntry]:
+    """Return what happened in the sessions of a test, in the order of time, for the report."""
+    found = []
+    for session in store.sessions(test):
+        for event in store.events(session.id):
+            if event.name in ("offered", "shown") and event.data.get("outcome") != "failed":
+                continue  # what went as planned is in the votes
+            said = {"stage", "outcome", "kind"} & set(event.data)
+            detail = ", ".join(str(event.data[name]) for name in sorted(said))
+            found.append((event.at, session, event.name, detail))
+    return [
+        LogEntry(
+            time=_time(at), event=name, assessor=f"{session.assessor} ({session.display})",
+            detail=detail,
+        )
+        for at, session, name, detail in sorted(found, key=lambda entry: entry[0])
+    ]  # fmt: skip
 
 
 def _votes_of(session: SessionRecord, events: Iterable[StoredEvent]) -> list[Vote]:

@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,17 @@ MIGRATIONS = (
 """One script for each step of ``PRAGMA user_version``."""
 
 
+@dataclass(kw_only=True)
+class _Waiting:
+    """Events that wait for the next commit."""
+
+    session: str
+    events: list[tuple[str, str]]
+    form: tuple[str, str] | None
+    is_done: bool = False
+    error: Exception | None = None
+
+
 class SqliteSessionStore:
     """The store of a file.
 
@@ -102,6 +114,8 @@ class SqliteSessionStore:
         self._path = path
         self._clock = clock
         self._lock = threading.RLock()
+        self._waiting: list[_Waiting] = []
+        self._waiting_lock = threading.Lock()
         self._db = sqlite3.connect(path, check_same_thread=False, isolation_level=None)
         try:
             self._db.row_factory = sqlite3.Row
@@ -179,19 +193,53 @@ class SqliteSessionStore:
         *,
         form: tuple[str, Mapping[str, Any]] | None = None,
     ) -> None:
-        """Add events to a session, and the answers of a form (stage, answers), all or nothing."""
-        with self._transaction() as db:
-            for name, data in events:
+        """Add events to a session, and the answers of a form (stage, answers), all or nothing.
+
+        What waits while another commit is on its way to the disk goes there together with the
+        next: the disk is asked once for all of it.
+        """
+        mine = _Waiting(
+            session=session,
+            events=[(name, json.dumps(data)) for name, data in events],
+            form=None if form is None else (form[0], json.dumps(form[1])),
+        )
+        with self._waiting_lock:
+            self._waiting.append(mine)
+        with self._lock:
+            if not mine.is_done:
+                self._append_waiting()
+        if mine.error is not None:
+            raise mine.error
+
+    def _append_waiting(self) -> None:
+        with self._waiting_lock:
+            batch, self._waiting = self._waiting, []
+        try:
+            with self._transaction() as db:
+                for one in batch:
+                    self._append_one(db, one)
+        except Exception as error:
+            for one in batch:
+                one.error = one.error or error
+        finally:
+            for one in batch:
+                one.is_done = True
+
+    def _append_one(self, db: sqlite3.Connection, one: _Waiting) -> None:
+        db.execute("SAVEPOINT one")
+        try:
+            for name, data in one.events:
                 db.execute(
                     "INSERT INTO event SELECT ?1, ifnull(max(sequence), 0) + 1, ?2, ?3, ?4"
                     " FROM event WHERE session = ?1",
-                    (session, self._clock(), name, json.dumps(data)),
+                    (one.session, self._clock(), name, data),
                 )
-            if form is not None:
-                db.execute(
-                    "INSERT OR REPLACE INTO form VALUES (?, ?, ?)",
-                    (session, form[0], json.dumps(form[1])),
-                )
+            if one.form is not None:
+                db.execute("INSERT OR REPLACE INTO form VALUES (?, ?, ?)", (one.session, *one.form))
+        except sqlite3.IntegrityError as error:  # that of one, not of the others
+            db.execute("ROLLBACK TO one")
+            one.error = error
+        db.execute("RELEASE one")
 
     def events(self, session: str) -> list[StoredEvent]:
         """Return everything that happened in a session, in order."""

@@ -18,6 +18,7 @@ from service.config import ServiceConfig
 from service.desks import Desks
 from service.http import (
     dscqs,
+    dscqs_making,
     dscqs_operator,
     dscqs_pages,
     health,
@@ -44,7 +45,7 @@ log = logging.getLogger(__name__)
 
 ROUTERS: tuple[APIRouter, ...] = (
     jobs.router, streams.router, uploads.router, session.router, health.router, watch.router,
-    dscqs.router, dscqs_operator.router, dscqs_pages.router,
+    dscqs.router, dscqs_operator.router, dscqs_making.router, dscqs_pages.router,
 )  # fmt: skip
 """Every door of the service."""
 

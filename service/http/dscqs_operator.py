@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Request, Response
@@ -10,7 +11,9 @@ from pydantic import BaseModel, Field
 
 from dscqs.displays import profile_from_dict
 from dscqs.plan import plan_from_dict
-from dscqs.record import test_document, votes_csv
+from dscqs.record import session_log, test_document, votes, votes_csv
+from dscqs.store import SessionStore
+from dscqs.votes import make_table
 from service.http.dscqs import Asked, Name
 from service.http.dscqs_access import COOKIE, COOKIE_SECONDS, Operating
 from service.http.dscqs_folders import folder_of
@@ -191,24 +194,46 @@ def act(
     "/tests/{test}/export",
     response_class=Response,
     responses={
-        200: {"content": {"text/csv": {}, "application/json": {}}},
-        **responses(400, 401, 404),
+        200: {
+            "content": {
+                "text/csv": {}, "application/json": {}, "text/html": {}, "application/pdf": {},
+            }
+        },
+        **responses(400, 401, 404, 409),
     },
-)
+)  # fmt: skip
 def export(
-    request: Request, name: Operating, test: Id, format: Literal["csv", "json"] = "csv"
+    request: Request,
+    name: Operating,
+    test: Id,
+    format: Literal["csv", "json", "scores", "html", "pdf"] = "csv",
 ) -> Response:
-    """Return the votes as tidy CSV, or everything as JSON."""
-    import json
-
+    """Return the votes (``csv``), everything (``json``), the scores, or the report of them."""
     store = request.app.state.desks.real.store
-    if format == "csv":
-        content, media_type = votes_csv(store, test), "text/csv; charset=utf-8"
-    else:
-        content = json.dumps(test_document(store, test), indent=1, ensure_ascii=False)
-        media_type = "application/json"
-    disposition = f'attachment; filename="{test}-votes.{format}"'
+    content, ending, media_type = _exported(store, test, format)
+    disposition = f'attachment; filename="{test}-{ending}"'
     return Response(content, media_type=media_type, headers={"Content-Disposition": disposition})
+
+
+def _exported(store: SessionStore, test: str, format: str) -> tuple[str | bytes, str, str]:
+    """Return content, end of the file's name, and media type."""
+    if format == "csv":
+        return votes_csv(store, test), "votes.csv", "text/csv; charset=utf-8"
+    if format == "json":
+        said = json.dumps(test_document(store, test), indent=1, ensure_ascii=False)
+        return said, "everything.json", "application/json"
+    from dscqs.report import html_report, json_report, pdf_report
+
+    record = store.test(test)
+    table = make_table(votes(store, record), name=record.name)
+    if format == "scores":
+        return json_report(table), "scores.json", "application/json"
+    log = session_log(store, test)
+    if format == "html":
+        report = html_report(table, title=record.name, subtitle=test, log=log)
+        return report, "report.html", "text/html; charset=utf-8"
+    report = pdf_report(table, title=record.name, subtitle=test, log=log)
+    return report, "report.pdf", "application/pdf"
 
 
 def _summary(record: Any) -> dict[str, Any]:

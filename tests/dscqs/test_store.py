@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sqlite3
+import threading
 
 import pytest
 
@@ -152,4 +153,33 @@ def test_a_disk_that_is_full_takes_no_vote_and_loses_none(tmp_path):
     store._db.execute("PRAGMA max_page_count = 100000")
     store.append("s1", [("noted", {})])
     assert [event.name for event in store.events("s1")] == ["joined", "noted"]
+    store.close()
+
+
+def test_appends_of_many_at_once_are_all_there_and_a_bad_one_harms_no_other(tmp_path):
+    store = SqliteSessionStore(tmp_path / "dscqs.sqlite")
+    store.add_test(TEST)
+    for number in range(8):
+        one = dataclasses.replace(SESSION, id=f"s{number}", assessor=f"a{number}")
+        store.add_session(one)
+    refused = []
+
+    def append(number: int) -> None:
+        for at in range(20):
+            store.append(f"s{number}", [("noted", {"at": at}), ("noted", {"at": at})])
+            try:
+                store.append("nobody", [("noted", {})])
+            except sqlite3.IntegrityError:
+                refused.append(number)
+
+    threads = [threading.Thread(target=append, args=(number,)) for number in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert len(refused) == 8 * 20
+    for number in range(8):
+        events = store.events(f"s{number}")
+        assert [event.sequence for event in events] == [*range(1, 41)]
+        assert [event.data["at"] for event in events] == [at for at in range(20) for _ in "12"]
     store.close()

@@ -1,0 +1,127 @@
+"""The operator's page in a real browser: from the login to the votes, clean to axe."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Page, sync_playwright
+
+from dscqs.votes import parse_csv
+from service.dscqs_client import AssessorClient
+from tests.service.dscqs.support import walk
+
+CHROMIUM = shutil.which("chromium")
+PATIENCE_MS = 60_000
+
+
+@pytest.fixture(scope="module")
+def page(served, stimuli):
+    if CHROMIUM is None:
+        pytest.skip("there is no chromium")
+    folder = served.root / "thesis-set-1"
+    folder.mkdir()
+    for key, name in stimuli.items():
+        shutil.copy(served.root / "set1" / name, folder / f"{key.replace('/', '--')}.png")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
+        page = browser.new_page(viewport={"width": 1360, "height": 900}, accept_downloads=True)
+        page.set_default_timeout(PATIENCE_MS)
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(f"{served.url}/dscqs/pages/operator.html")
+        yield page
+        assert errors == []
+        browser.close()
+
+
+def _look(page: Page, name: str) -> None:
+    """Check the page with axe, and keep a picture of it where one is asked for."""
+    found = Axe().run(page, options={"resultTypes": ["violations"]})
+    assert found.violations_count == 0, found.generate_report()
+    if os.environ.get("DEPTHSR_SCREENSHOTS"):
+        page.screenshot(path=Path(os.environ["DEPTHSR_SCREENSHOTS"]) / f"{name}.png")
+
+
+def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http):
+    page.get_by_label("Token").fill("not this one")
+    page.get_by_role("button", name="Log in").click()
+    page.get_by_text("lets no operator in").wait_for()
+    _look(page, "operator-login")
+    page.get_by_label("Token").fill(served.token)
+    page.get_by_role("button", name="Log in").click()
+    page.get_by_role("button", name="New test").click()
+
+    page.get_by_label("Stimuli").select_option(label="roots/thesis-set-1 (3 × 3, stills)")
+    page.get_by_text("3 contents × 2 conditions against “original”: 11 presentations").wait_for()
+    page.get_by_label("Times each pair is shown").fill("20")
+    page.get_by_text("more than 30").wait_for()
+    assert page.get_by_role("button", name="Make the test").is_disabled()
+    page.get_by_label("Times each pair is shown").fill("1")
+    page.get_by_label("Training contents").fill("lawn")
+    page.get_by_label("Dummies at the start").fill("1")
+    page.get_by_label("Name", exact=True).fill("Thesis, set 1")
+    page.get_by_label("autostereoscopic").check()
+    page.get_by_text("2 contents × 2 conditions against “original”: 5 presentations").wait_for()
+    _look(page, "operator-new")
+    page.get_by_role("button", name="Make the test").click()
+
+    page.get_by_role("heading", name="Thesis, set 1").wait_for()
+    page.get_by_text("Nobody was let in yet").wait_for()
+    page.get_by_label("Codes of assessors").fill("a1, a2")
+    page.get_by_role("button", name="Links to stations").click()
+    page.get_by_alt_text("QR code of the link of a2").wait_for()
+    links = [text.partition("/dscqs")[2] for text in page.locator(".link code").all_inner_texts()]
+    assert len(links) == 2
+    first, second = (AssessorClient(http=make_http()) for _ in links)
+    first.enter(f"/dscqs{links[0]}")
+    walk(first)
+    second.enter(f"/dscqs{links[1]}")
+    walk(second, until=lambda state: state["stage"] == "presentation" and state["index"] == 2)
+    second.present()
+    second.shown("failed", {"faults": [{"kind": "focus", "detail": "the window lost the focus"}]})
+    row = page.get_by_role("row").filter(has_text="a2")
+    row.get_by_text("the window lost the focus").wait_for()
+    page.get_by_role("row").filter(has_text="a1").get_by_text("finished").wait_for()
+    row.get_by_role("button", name="Pause").click()
+    row.get_by_text("paused").wait_for()
+    assert second.state()["stage"] == "paused"
+    row.get_by_role("button", name="Resume").click()
+    row.get_by_text("test", exact=True).wait_for()
+    _look(page, "operator-test")
+
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Votes (CSV)").click()
+    table = parse_csv(Path(download.value.path()).read_text(encoding="utf-8"))
+    assert len([vote for vote in table.votes if vote.assessor == "a1"]) == 7
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Report (HTML)").click()
+    assert "Thesis, set 1" in Path(download.value.path()).read_text(encoding="utf-8")
+
+    page.on("dialog", lambda dialog: dialog.accept())
+    row.get_by_role("button", name="Withdraw").click()
+    row.get_by_text("withdrawn").wait_for()
+    assert second.state()["stage"] == "withdrawn"
+
+
+def test_a_group_and_a_dry_run_are_let_in(page, served, make_http):
+    page.get_by_label("Codes of assessors").fill("g1 g2 g3")
+    page.get_by_role("button", name="A group before one screen").click()
+    page.get_by_alt_text("QR code of the link of g3").wait_for()
+    assert page.locator(".link").count() == 4
+    _look(page, "operator-group")
+    page.get_by_role("button", name="Dry run").click()
+    page.get_by_text("nothing is stored").wait_for()
+    link = page.locator(".link code").inner_text()
+    client = AssessorClient(http=make_http())
+    client.enter("/dscqs" + link.partition("/dscqs")[2])
+    assert walk(client)["stage"] == "thanks"
+    assert page.get_by_role("row").filter(has_text="dry-run").count() == 0
+    page.get_by_role("button", name="Log out").click()
+    page.get_by_label("Token").wait_for()
+    assert page.context.request.get(f"{served.url}/dscqs/api/operator/tests").status == 401
