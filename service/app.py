@@ -23,8 +23,10 @@ from service.http import (
     dscqs_pages,
     health,
     jobs,
+    pages,
     problems,
     session,
+    status,
     streams,
     uploads,
     watch,
@@ -45,6 +47,7 @@ log = logging.getLogger(__name__)
 
 ROUTERS: tuple[APIRouter, ...] = (
     jobs.router, streams.router, uploads.router, session.router, health.router, watch.router,
+    status.router, pages.router,
     dscqs.router, dscqs_operator.router, dscqs_making.router, dscqs_pages.router,
 )  # fmt: skip
 """Every door of the service."""
@@ -102,7 +105,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
         summary="Depth-guided super-resolution of multi-view 3D video",
         lifespan=lifespan,
         responses=problems.responses(401, 403, 500, 503),
-        docs_url="/api/docs",
+        docs_url=None,
         redoc_url=None,
         openapi_url="/api/openapi.json",
     )

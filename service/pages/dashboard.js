@@ -1,0 +1,211 @@
+/** The dashboard: what the service does, what waits, and the way in. */
+
+import {
+  ask, bytes, duration, element, jobName, moment, repeat, showLeave, stateOf, trying,
+} from "./api.js";
+import { chosen, dropped, sendAll } from "./upload.js";
+
+const PAGE = 20;
+const place = (id) => document.getElementById(id);
+let shown = PAGE;
+
+function showStatus(status) {
+  const text = {
+    queued: `${status.queue.queued} waiting`,
+    running: status.queue.running + status.queue.cancelling,
+    succeeded: status.queue.succeeded,
+    failed: status.queue.failed,
+    workers: `${status.workers.busy} of ${status.workers.total} busy`,
+    load: status.load === null ? "–" : status.load.toFixed(2),
+    cores: status.cores,
+    free: `${bytes(status.disk.free)} free`,
+    used: bytes(status.disk.used),
+    quota: bytes(status.disk.quota),
+    up: duration(status.seconds),
+    version: status.version,
+    health: status.ready ? "ready" : "not ready",
+  };
+  for (const [id, value] of Object.entries(text)) place(id).textContent = value;
+  place("health").className = `state ${status.ready ? "ready" : "failed"}`;
+  place("no-streams").hidden = status.streams.length > 0;
+  place("streams").replaceChildren(...status.streams.map(streamItem));
+}
+
+function streamItem(stream) {
+  const where = `/watch/streams/${encodeURIComponent(stream.name)}`;
+  const viewers = stream.viewers === 1 ? "1 viewer" : `${stream.viewers} viewers`;
+  return element("li", { class: "job" },
+    element("img", { class: "thumb", alt: "", loading: "lazy",
+      src: `/api/v1/streams/${encodeURIComponent(stream.name)}/watch/result/latest.jpg?${stream.fragments}` }),
+    element("div", { class: "what" },
+      element("a", { class: "name", href: where }, stream.name),
+      element("span", { class: "soft small" }, `${viewers}, ${stream.fragments} frames`)),
+  );
+}
+
+/** One list item for each job, kept from one look to the next so that focus stays. */
+const items = new Map();
+
+function jobItem(job) {
+  const known = items.get(job.id);
+  if (known?.version === JSON.stringify([job.state, job.frames_done])) return known.item;
+  const name = jobName(job);
+  const part = job.frames_total ? job.frames_done / job.frames_total : 0;
+  const what = element("div", { class: "what" },
+    element("span", {}, element("a", { class: "name", href: `/jobs/${job.id}` }, name), " ",
+      stateOf(job.state)),
+    element("span", { class: "soft small" }, whenOf(job)));
+  if (job.state === "running" && job.frames_total) {
+    what.append(element("progress", { max: 1, value: part, "aria-label": `Frames of ${name}` }));
+  }
+  if (job.problem) what.append(element("span", { class: "small" }, job.problem.detail));
+  const item = element("li", { class: "job" }, thumbOf(job), what, actionsOf(job, name));
+  if (known) known.item.replaceWith(item);
+  items.set(job.id, { item, version: JSON.stringify([job.state, job.frames_done]) });
+  return item;
+}
+
+function thumbOf(job) {
+  const image = element("img", { class: "thumb", alt: "" });
+  if (job.frames_done > 0 && !job.request.export) {
+    const loading = new Image(); // shown when it is there: the first second may be on its way
+    loading.addEventListener("load", () => { image.src = loading.src; });
+    loading.src = `/api/v1/jobs/${job.id}/watch/result/latest.jpg?${job.frames_done}`;
+  }
+  return image;
+}
+
+function whenOf(job) {
+  const frames = job.frames_total ? `${job.frames_done} of ${job.frames_total} frames, ` : "";
+  const begun = `${frames}${moment(job.created)}`;
+  if (!job.finished || !job.started) return begun;
+  return `${begun}, took ${duration((new Date(job.finished) - new Date(job.started)) / 1000)}`;
+}
+
+function actionsOf(job, name) {
+  const actions = element("div", { class: "actions" });
+  const add = (text, work) => {
+    const button = element("button", { type: "button", "aria-label": `${text} ${name}` }, text);
+    button.addEventListener("click", () => trying(async () => {
+      await work();
+      await refresh();
+    }));
+    actions.append(button);
+  };
+  const at = `/api/v1/jobs/${job.id}`;
+  if (job.frames_done > 0 && !job.request.export) {
+    actions.append(element("a", { class: "button", href: `/watch/jobs/${job.id}`,
+      "aria-label": `Watch ${name}` }, "Watch"));
+  }
+  if (["queued", "running"].includes(job.state)) {
+    add("Cancel", () => ask(`${at}/cancel`, { method: "POST" }));
+  }
+  if (["failed", "cancelled"].includes(job.state)) {
+    add("Retry", () => ask(`${at}/retry`, { method: "POST" }));
+  }
+  return actions;
+}
+
+async function refresh() {
+  const state = place("filter").value;
+  const [status, page] = await Promise.all([
+    ask("/api/v1/status"),
+    ask(`/api/v1/jobs?limit=${shown}${state ? `&state=${state}` : ""}`),
+  ]);
+  showStatus(status);
+  const list = place("jobs");
+  const wanted = page.jobs.map(jobItem);
+  for (const [id, { item }] of items) {
+    if (!wanted.includes(item)) {
+      item.remove();
+      items.delete(id);
+    }
+  }
+  wanted.forEach((item, at) => {
+    if (list.children[at] !== item) list.insertBefore(item, list.children[at] ?? null);
+  });
+  place("empty").hidden = page.jobs.length > 0;
+  place("more").hidden = !page.next;
+}
+
+// A new job
+
+function requestOf(form) {
+  const data = new FormData(form);
+  const magnification = data.get("magnification");
+  const range = data.get("range").trim();
+  return {
+    settings: magnification ? { magnification } : {},
+    input: range ? { frames: range } : {},
+    output: {
+      layout: data.get("layout"), container: data.get("container"),
+      frames: data.has("frames"), master: data.has("master"),
+    },
+    priority: Number(data.get("priority") || 0),
+  };
+}
+
+async function submit(files) {
+  if (!files.length || !place("form").reportValidity()) return;
+  const request = requestOf(place("form"));
+  const stop = new AbortController();
+  place("upload-stop").onclick = () => stop.abort();
+  place("upload").hidden = false;
+  place("drop").inert = true;
+  const many = files.length === 1 ? files[0].name : `${files.length} files`;
+  const onProgress = (sent, total) => {
+    place("upload-bar").value = total ? sent / total : 1;
+    place("upload-text").textContent = `Sending ${many}: ${bytes(sent)} of ${bytes(total)}`;
+  };
+  onProgress(0, 1);
+  await trying(async () => {
+    try {
+      const uploads = await sendAll(files, { onProgress, signal: stop.signal });
+      const job = await ask("/api/v1/jobs", {
+        method: "POST", body: { ...request, uploads },
+        headers: { "Idempotency-Key": crypto.randomUUID?.() ?? String(Math.random()) },
+      });
+      location.assign(`/jobs/${job.id}`);
+    } catch (error) {
+      if (error.name !== "AbortError") throw error;
+    } finally {
+      place("upload").hidden = true;
+      place("drop").inert = false;
+    }
+  });
+}
+
+function listenForScenes() {
+  const drop = place("drop");
+  for (const name of ["dragenter", "dragover"]) {
+    document.addEventListener(name, (event) => {
+      event.preventDefault();
+      drop.classList.add("over");
+    });
+  }
+  document.addEventListener("dragleave", (event) => {
+    if (!event.relatedTarget) drop.classList.remove("over");
+  });
+  document.addEventListener("drop", async (event) => {
+    event.preventDefault();
+    drop.classList.remove("over");
+    await submit(await dropped(event.dataTransfer));
+  });
+  for (const [button, input] of [["choose-folder", "folder"], ["choose-files", "files"]]) {
+    place(button).addEventListener("click", () => place(input).click());
+    place(input).addEventListener("change", async () => {
+      const files = chosen(place(input).files);
+      place(input).value = "";
+      await submit(files);
+    });
+  }
+}
+
+place("filter").addEventListener("change", () => trying(refresh));
+place("more").addEventListener("click", () => {
+  shown = Math.min(500, shown + 5 * PAGE);
+  trying(refresh);
+});
+listenForScenes();
+trying(showLeave);
+repeat(refresh, 2);

@@ -1,0 +1,154 @@
+/** A job: how far it is, what came of it, and other forms of it. */
+
+import {
+  ask, bytes, element, jobName, moment, showLeave, stateOf, trying,
+} from "./api.js";
+import { plotsOf, viewRows } from "./report.js";
+
+const id = location.pathname.split("/").at(-1);
+const here = `/api/v1/jobs/${encodeURIComponent(id)}`;
+const place = (name) => document.getElementById(name);
+const FINAL = ["succeeded", "failed", "cancelled"];
+
+async function refresh() {
+  const job = await ask(here);
+  const isExport = Boolean(job.request.export);
+  const name = jobName(job);
+  document.title = `depthsr: ${name}`;
+  place("name").textContent = name;
+  place("state").textContent = job.state;
+  place("state").className = `state ${job.state}`;
+  place("watch").hidden = isExport || job.frames_done === 0;
+  place("watch").href = `/watch/jobs/${id}`;
+  place("cancel").hidden = FINAL.includes(job.state);
+  place("retry").hidden = !["failed", "cancelled"].includes(job.state);
+  place("delete").hidden = !FINAL.includes(job.state);
+  showProgress(job);
+  showFacts(job);
+  place("exports").hidden = isExport || job.state !== "succeeded";
+  if (job.problem) {
+    place("trouble").textContent = `${job.problem.title}: ${job.problem.detail}`;
+    place("trouble").hidden = false;
+  }
+  if (job.state === "succeeded") await Promise.all([showFiles(), isExport ? null : showExports()]);
+}
+
+function showProgress(job) {
+  const total = job.frames_total;
+  place("bar").value = total ? job.frames_done / total : 0;
+  place("count").textContent = total ? `${job.frames_done} of ${total} frames` : "";
+}
+
+function showFacts(job) {
+  const facts = [["id", job.id], ["client", job.client], ["created", moment(job.created)],
+    ["priority", job.priority], ["attempt", job.attempt]];
+  const walk = (value, name) => {
+    if (value && typeof value === "object" && !Array.isArray(value)) {
+      if (name === "uploads") return facts.push(["files", Object.keys(value).length]);
+      for (const [key, inner] of Object.entries(value)) walk(inner, key);
+      return undefined;
+    }
+    return facts.push([name, Array.isArray(value) ? value.join(", ") : String(value)]);
+  };
+  walk(job.request, "request");
+  place("facts").replaceChildren(...facts.flatMap(([key, value]) => [
+    element("dt", {}, key), element("dd", {}, String(value))]));
+}
+
+let reportShown = false;
+
+async function showFiles() {
+  const files = await ask(`${here}/results`);
+  const shown = files.slice(0, 60).map((file) => element("tr", {},
+    element("td", {}, element("a", { href: file.url, download: file.name.split("/").at(-1) }, file.name)),
+    element("td", { class: "number" }, bytes(file.size))));
+  if (files.length > shown.length) {
+    shown.push(element("tr", {}, element("td", { colspan: 2 }, `and ${files.length - shown.length} more, by the API`)));
+  }
+  place("files").replaceChildren(...shown);
+  place("no-files").hidden = files.length > 0;
+  const report = files.find(({ name }) => name === "report.json");
+  if (report && !reportShown) {
+    reportShown = true;
+    const said = await ask(report.url);
+    if (!said.frames) return;
+    place("report").hidden = false;
+    place("plots").replaceChildren(...plotsOf(said));
+    place("views").replaceChildren(...viewRows(said));
+    const lines = [...(said.remarks ?? []), ...(said.warnings ?? [])];
+    place("remarks").replaceChildren(...lines.map((line) => element("li", {}, line)));
+  }
+}
+
+async function showExports() {
+  const made = await ask(`${here}/exports`);
+  place("export-list").replaceChildren(...made.jobs.map((job) => {
+    const form = job.request.export;
+    const kind = form.frames && !form.video ? "PNG" : `${form.container} ${form.codec ?? ""}`;
+    return element("li", { class: "row spread" },
+      element("a", { href: `/jobs/${job.id}` }, `${form.layout} · ${kind}`), stateOf(job.state));
+  }));
+  if (made.jobs.some((job) => !FINAL.includes(job.state))) {
+    setTimeout(() => trying(showExports), 1500);
+  }
+}
+
+place("export").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const data = new FormData(event.target);
+  const kind = data.get("kind");
+  const form = { layout: data.get("layout"), container: kind };
+  if (kind === "ffv1") Object.assign(form, { container: "mkv", codec: "ffv1" });
+  if (kind === "png") Object.assign(form, { container: "mkv", video: false, frames: true });
+  trying(async () => {
+    await ask(`${here}/exports`, { method: "POST", body: form });
+    await showExports();
+  });
+});
+
+for (const action of ["cancel", "retry"]) {
+  place(action).addEventListener("click", () => trying(async () => {
+    await ask(`${here}/${action}`, { method: "POST" });
+    follow();
+    await refresh();
+  }));
+}
+place("delete").addEventListener("click", () => trying(async () => {
+  if (!window.confirm("Delete this job and its files?")) return;
+  await ask(here, { method: "DELETE" });
+  location.assign("/");
+}));
+
+// Events
+
+let source = null;
+let last = 0;
+let due = null;
+
+function follow() {
+  source?.close();
+  source = new EventSource(`${here}/events?after=${last}`);
+  const take = (event) => {
+    const said = JSON.parse(event.data);
+    if (said.sequence <= last) return;
+    last = said.sequence;
+    const text = said.kind === "FrameFinished"
+      ? `frame ${said.data.frame_index} (${said.data.done} of ${said.data.total})`
+      : [said.kind, said.data.text ?? ""].join(" ");
+    place("log").prepend(element("tr", {},
+      element("td", { class: "soft" }, new Date(said.at).toLocaleTimeString()), element("td", {}, text)));
+    while (place("log").children.length > 400) place("log").lastChild.remove();
+    due ??= setTimeout(() => {
+      due = null;
+      trying(refresh);
+    }, 400);
+    if (FINAL.includes(said.kind)) source.close();
+  };
+  const kinds = ["queued", "running", "cancelling", ...FINAL, "JobStarted", "Compiling",
+    "FrameFinished", "SegmentFinished", "Joining", "Warned", "JobFinished"];
+  for (const kind of kinds) source.addEventListener(kind, take);
+}
+
+place("logs").href = `${here}/logs`;
+trying(showLeave);
+trying(refresh).then(follow);

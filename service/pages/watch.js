@@ -1,0 +1,288 @@
+/** The page of a job or stream that is watched. */
+
+import { ask, duration, element, jobName, repeat, showLeave, trying } from "./api.js";
+import { playHls, playLive } from "./player.js";
+import { frameFacts, plotsOf } from "./report.js";
+import { StereoView } from "./stereo-view.js";
+
+const [, , kind, id] = location.pathname.split("/");
+const here = `/api/v1/${kind}/${id}`;
+const place = (name) => document.getElementById(name);
+const videos = { result: place("result"), before: place("before") };
+const view = new StereoView(place("canvas"));
+const players = {};
+let seen = null;
+let report = null;
+let drawn = 0;
+let shownFrame = -1;
+let way = null;
+
+window.depthsrWatch = { view, videos, numbers: () => ({ drawn, shownFrame, way }) };
+
+// Drawing
+
+function follow(name) {
+  const video = videos[name];
+  if (!video.requestVideoFrameCallback) {
+    video.addEventListener("timeupdate", () => show(name, video.currentTime));
+    return;
+  }
+  const next = (_, { mediaTime }) => {
+    show(name, mediaTime);
+    video.requestVideoFrameCallback(next);
+  };
+  video.requestVideoFrameCallback(next);
+}
+
+function show(name, mediaTime) {
+  if (!view.works || !videos[name].videoWidth) return;
+  view.take(name, videos[name]);
+  if (name === "result") {
+    drawn += 1;
+    const track = seen.tracks.result;
+    shownFrame = Math.round(mediaTime * track.fps);
+    place("message").hidden = true;
+    keepTogether();
+  }
+  view.draw();
+  showPlace();
+}
+
+/** Let the compared picture show the same frame. */
+function keepTogether() {
+  const { result, before } = videos;
+  if (!players.before) return;
+  const apart = before.currentTime - result.currentTime;
+  const frame = 1 / (seen.tracks.result.fps || 25);
+  if (result.paused || Math.abs(apart) > 0.5) {
+    if (!before.paused) before.pause();
+    if (Math.abs(apart) > frame / 4) before.currentTime = result.currentTime;
+    if (!result.paused) before.play().catch(() => {});
+    return;
+  }
+  if (before.paused) before.play().catch(() => {});
+  before.playbackRate = result.playbackRate * (Math.abs(apart) > frame / 2 ? 1 - apart / 2 : 1);
+}
+
+// Delivery
+
+function open(name) {
+  players[name]?.close();
+  delete players[name];
+  const track = seen.tracks[name];
+  if (!track) return;
+  const onTrouble = (text) => {
+    place("message").textContent = text;
+    place("message").hidden = false;
+  };
+  const isStream = kind === "streams";
+  players[name] = way === "live" && track.live
+    ? playLive(videos[name], track.live, { onTrouble, onEnd: () => trying(look) })
+    : playHls(videos[name], track.playlist, { live: isStream, onTrouble });
+}
+
+function begin(chosen) {
+  way = chosen;
+  const stills = way === "stills";
+  place("stills").hidden = !stills;
+  place("canvas").hidden = stills;
+  place("stills").src = stills ? seen.tracks.result.stills : "";
+  for (const name of ["result", "before"]) {
+    players[name]?.close();
+    delete players[name];
+  }
+  if (stills) {
+    place("message").hidden = true;
+    return;
+  }
+  open("result");
+  if (view.options.mode === "compare") open("before");
+  play(true);
+}
+
+function play(wanted) {
+  const video = videos.result;
+  if (wanted) video.play().catch(() => showPlaying());
+  else video.pause();
+}
+
+function showPlaying() {
+  const playing = !videos.result.paused;
+  place("play").textContent = playing ? "Pause" : "Play";
+  if (players.before) {
+    if (playing) videos.before.play().catch(() => {});
+    else videos.before.pause();
+    keepTogether();
+  }
+}
+
+// What there is
+
+async function look() {
+  const fresh = await ask(`${here}/watch`);
+  const first = !seen?.tracks.result && fresh.tracks.result;
+  seen = fresh;
+  view.describe(seen.tracks, seen.sampling);
+  place("state").textContent = seen.state;
+  place("state").className = `state ${seen.state}`;
+  const live = document.querySelector('[name="way"][value="live"]');
+  live.disabled = !seen.tracks.result?.live;
+  if (first) {
+    const wanted = kind === "streams" ? "live" : "hls";
+    document.querySelector(`[name="way"][value="${wanted}"]`).checked = true;
+    const compare = document.querySelector('[name="mode"][value="compare"]');
+    compare.disabled = !seen.tracks.before;
+    begin(wanted);
+  }
+  if (!seen.tracks.result) {
+    place("message").textContent = seen.state === "ended" ? "There is nothing to watch." : "Waiting for the first second of video…";
+  }
+  if (kind === "jobs" && seen.state === "ended" && !report) {
+    report = {};
+    const files = await ask(`${here}/results`);
+    const file = files.find(({ name }) => name === "report.json");
+    if (file) report = await ask(file.url);
+    place("plots").replaceChildren(...plotsOf(report).slice(0, 2));
+    place("frame-panel").hidden = !report.frames;
+  }
+  showNumbers();
+}
+
+function facts(list, items) {
+  list.replaceChildren(...items.flatMap(([key, value]) => [
+    element("dt", {}, key), element("dd", {}, String(value))]));
+}
+
+let before = { drawn: 0, at: performance.now() };
+
+function showNumbers() {
+  const track = seen?.tracks.result;
+  if (!track) return;
+  const now = performance.now();
+  const rate = (1000 * (drawn - before.drawn)) / (now - before.at);
+  before = { drawn, at: now };
+  const quality = videos.result.getVideoPlaybackQuality?.();
+  const late = players.result?.latency();
+  facts(place("numbers"), [
+    ["one eye", `${track.eye_width} × ${track.eye_height}`],
+    ["frames a second", `${track.fps.toFixed(2)}, shown ${rate.toFixed(1)}`],
+    ["codec", track.codec],
+    ["frames there", track.frames === null ? "–" : `${track.frames} of ${seen.frames_total ?? "?"}`],
+    ["dropped", quality ? `${quality.droppedVideoFrames} of ${quality.totalVideoFrames}` : "–"],
+    ["behind the edge", Number.isFinite(late) ? `${late.toFixed(1)} s` : "–"],
+    ["enlarged from", seen.tracks.before ? `${seen.tracks.before.eye_width} × ${seen.tracks.before.eye_height}` : "–"],
+  ]);
+}
+
+function showPlace() {
+  const video = videos.result;
+  const track = seen.tracks.result;
+  const end = Number.isFinite(video.duration) ? video.duration
+    : video.seekable.length ? video.seekable.end(video.seekable.length - 1) : 0;
+  const seek = place("seek");
+  seek.max = end;
+  if (document.activeElement !== seek || !video.paused) seek.value = video.currentTime;
+  seek.setAttribute("aria-valuetext", `${duration(video.currentTime)} of ${duration(end)}`);
+  place("time").textContent = `${duration(video.currentTime)} / ${duration(end)} · frame ${track.first_frame + Math.max(0, shownFrame)}`;
+  if (report?.frames) facts(place("frame"), frameFacts(report, track.first_frame + shownFrame));
+}
+
+// Controls
+
+function choose(changes) {
+  Object.assign(view.options, changes);
+  const { mode } = view.options;
+  place("compare-tools").hidden = mode !== "compare";
+  place("tag-one").hidden = mode !== "compare";
+  place("tag-two").hidden = mode !== "compare";
+  place("half").disabled = !["sbs", "tab"].includes(mode);
+  if (mode === "compare" && !players.before && way !== "stills") open("before");
+  if (mode !== "compare" && players.before) {
+    players.before.close();
+    delete players.before;
+  }
+  if (mode === "compare") keepTogether();
+  view.draw();
+}
+
+for (const input of document.querySelectorAll('[name="mode"]')) {
+  input.addEventListener("change", () => choose({ mode: input.value }));
+}
+for (const input of document.querySelectorAll('[name="way"]')) {
+  input.addEventListener("change", () => begin(input.value));
+}
+place("half").addEventListener("change", () => choose({ half: place("half").checked }));
+place("swap").addEventListener("change", () => choose({ swap: place("swap").checked }));
+place("wipe").addEventListener("input", () => choose({ wipe: Number(place("wipe").value) }));
+place("zoom").addEventListener("change", () => choose({ zoom: Number(place("zoom").value) }));
+place("eye").addEventListener("change", () => choose({ eye: place("eye").value }));
+place("play").addEventListener("click", () => play(videos.result.paused));
+place("seek").addEventListener("input", () => {
+  videos.result.currentTime = Number(place("seek").value);
+});
+place("canvas").addEventListener("pointermove", (event) => {
+  if (view.options.mode !== "compare") return;
+  const box = place("canvas").getBoundingClientRect();
+  const x = (event.clientX - box.left) / box.width;
+  if (event.buttons) place("wipe").value = x;
+  choose({ wipe: Number(place("wipe").value), centre: event.buttons
+    ? view.options.centre : [x, (event.clientY - box.top) / box.height] });
+});
+for (const name of ["play", "pause", "ended"]) videos.result.addEventListener(name, showPlaying);
+videos.result.addEventListener("seeked", keepTogether);
+
+function step(frames) {
+  videos.result.pause();
+  const { fps } = seen.tracks.result;
+  videos.result.currentTime = Math.max(0, (Math.max(0, shownFrame) + frames + 0.5) / fps);
+}
+place("back-frame").addEventListener("click", () => step(-1));
+place("next-frame").addEventListener("click", () => step(1));
+place("full").addEventListener("click", () => {
+  if (document.fullscreenElement) document.exitFullscreen();
+  else place("stage").requestFullscreen().catch(() => {});
+});
+
+const KEYS = {
+  " ": () => play(videos.result.paused),
+  k: () => play(videos.result.paused),
+  ArrowLeft: () => { videos.result.currentTime -= 2; },
+  ArrowRight: () => { videos.result.currentTime += 2; },
+  ",": () => step(-1),
+  ".": () => step(1),
+  f: () => place("full").click(),
+  h: () => place("half").click(),
+  s: () => place("swap").click(),
+};
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.target.matches("input, select, button, a, summary")) return;
+  const modes = [...document.querySelectorAll('[name="mode"]')];
+  const number = Number(event.key);
+  if (number >= 1 && number <= modes.length) modes[number - 1].click();
+  else if (KEYS[event.key]) KEYS[event.key]();
+  else return;
+  event.preventDefault();
+});
+
+// Begin
+
+if (!view.works) {
+  place("message").textContent = "This browser cannot draw (WebGL 2 is missing): choose Pictures.";
+}
+follow("result");
+follow("before");
+trying(showLeave);
+trying(async () => {
+  if (kind === "jobs") {
+    const job = await ask(here);
+    place("name").textContent = jobName(job);
+    place("back").href = `/jobs/${id}`;
+  } else {
+    place("name").textContent = decodeURIComponent(id);
+    place("back").textContent = "Dashboard";
+    place("back").href = "/";
+  }
+  document.title = `depthsr: watch ${place("name").textContent}`;
+});
+repeat(look, 2);
