@@ -21,6 +21,7 @@ from service.http import (
     dscqs_making,
     dscqs_operator,
     dscqs_pages,
+    exports,
     health,
     jobs,
     pages,
@@ -47,7 +48,7 @@ log = logging.getLogger(__name__)
 
 ROUTERS: tuple[APIRouter, ...] = (
     jobs.router, streams.router, uploads.router, session.router, health.router, watch.router,
-    status.router, pages.router,
+    status.router, pages.router, exports.router,
     dscqs.router, dscqs_operator.router, dscqs_making.router, dscqs_pages.router,
 )  # fmt: skip
 """Every door of the service."""

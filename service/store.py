@@ -73,6 +73,10 @@ MIGRATIONS = (
     ) WITHOUT ROWID;
     """,
     "ALTER TABLE job ADD COLUMN crashes INTEGER NOT NULL DEFAULT 0;",
+    """
+    ALTER TABLE job ADD COLUMN parent TEXT REFERENCES job (id) ON DELETE SET NULL;
+    CREATE INDEX job_parent ON job (parent);
+    """,
 )
 """One script for each step of ``PRAGMA user_version``."""
 
@@ -100,6 +104,8 @@ class JobRecord:
     """Grows with every change."""
     crashes: int
     """Workers that died or hung over it since it was last asked for."""
+    parent: str | None
+    """Of an export: the id of the job whose result it is a form of."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,6 +205,7 @@ class Store:
         priority: int = 0,
         key: str | None = None,
         request_hash: str = "",
+        parent: str | None = None,
     ) -> tuple[JobRecord, bool]:
         """Insert a job and its idempotency key; return it, and whether it is new.
 
@@ -213,9 +220,17 @@ class Store:
                 if found is not None:
                     return found, False
             db.execute(
-                "INSERT INTO job (id, client, priority, state, request, created)"
-                " VALUES (?, ?, ?, ?, ?, ?)",
-                (job_id, client, priority, State.QUEUED, json.dumps(request), self._clock()),
+                "INSERT INTO job (id, client, priority, state, request, created, parent)"
+                " VALUES (?, ?, ?, ?, ?, ?, ?)",
+                (
+                    job_id,
+                    client,
+                    priority,
+                    State.QUEUED,
+                    json.dumps(request),
+                    self._clock(),
+                    parent,
+                ),
             )
             if key is not None:
                 db.execute(
@@ -243,6 +258,7 @@ class Store:
         client: str | None = None,
         states: tuple[State, ...] = (),
         before: int | None = None,
+        parent: str | None = None,
         limit: int = 50,
     ) -> list[JobRecord]:
         """Return jobs, newest first; ``before`` is the number to go on from."""
@@ -253,6 +269,9 @@ class Store:
         if states:
             terms.append(f"state IN ({', '.join('?' * len(states))})")
             values += states
+        if parent is not None:
+            terms.append("parent = ?")
+            values.append(parent)
         if before is not None:
             terms.append("number < ?")
             values.append(before)  # type: ignore[arg-type]

@@ -13,6 +13,7 @@ import dataclasses
 import json
 import signal
 import sys
+import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -68,23 +69,55 @@ def main() -> int:
 
 
 def _work(order: WorkOrder, voice: Voice) -> dict[str, Any]:
-    from pipeline.errors import SceneError
+    """Do the job, once; a worker that died after its work has left its last word."""
     from pipeline.events import Event
+    from pipeline.media.files import write_atomic
+    from pipeline.stop import StopFlag
+
+    results = Path(order.folder) / "results"
+    results.mkdir(exist_ok=True)
+    finished = Path(order.folder) / "done.json"
+    if finished.exists():
+        return json.loads(finished.read_text(encoding="utf-8"))
+
+    def tell(event: Event) -> None:
+        voice.say(type(event).__name__, **asdict(event))
+
+    stop = StopFlag()
+    signal.signal(signal.SIGTERM, stop.from_signal)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service's to handle
+    work = _export if "export" in order.request else _compute
+    said = work(order, voice, tell, stop)
+    write_atomic(finished, json.dumps(said).encode())
+    return said
+
+
+def _export(order: WorkOrder, voice: Voice, tell: Any, stop: Any) -> dict[str, Any]:
+    from pipeline.export import export
+    from service.jobs.request import ExportForm, export_options
+    from service.jobs.sinks import master_in
+
+    begin = time.monotonic()
+    form = ExportForm.model_validate(order.request["export"])
+    options = export_options(form, Path(order.folder) / "results", order.name)
+    frames = export(master_in(Path(order.scene)), options, on_event=tell, stop=stop)
+    return {"frames": frames, "seconds": time.monotonic() - begin}
+
+
+def _compute(order: WorkOrder, voice: Voice, tell: Any, stop: Any) -> dict[str, Any]:
+    from pipeline.errors import SceneError
+    from pipeline.export import export
+    from pipeline.media.files import write_atomic
     from pipeline.media.source import FrameSource, open_scene
     from pipeline.run import Tools, run_job
-    from pipeline.stop import StopFlag
-    from service.jobs.request import JobRequest, make_job
-    from service.jobs.sinks import JobSinks
+    from service.jobs.request import JobRequest, export_options, make_job
+    from service.jobs.sinks import JobSinks, master_in
     from service.jobs.watch_sink import EyeSources
 
     folder = Path(order.folder)
     results = folder / "results"
-    results.mkdir(exist_ok=True)
     request: Any = JobRequest.model_validate(order.request)
     job = make_job(request, Path(order.scene), results, name=order.name, threads=order.threads)
-    finished = folder / "done.json"
-    if finished.exists():  # the last worker died after its work
-        return json.loads(finished.read_text(encoding="utf-8"))
 
     def open_checked(path: Path, **options: Any) -> FrameSource:
         source = open_scene(path, **options)
@@ -98,9 +131,6 @@ def _work(order: WorkOrder, voice: Voice) -> dict[str, Any]:
             )
         return source
 
-    def tell(event: Event) -> None:
-        voice.say(type(event).__name__, **asdict(event))
-
     def tell_piece(track: str, number: int) -> None:
         voice.say("piece", track=track, number=number)
 
@@ -111,16 +141,17 @@ def _work(order: WorkOrder, voice: Voice) -> dict[str, Any]:
         on_piece=tell_piece,
     )
 
-    stop = StopFlag()
-    signal.signal(signal.SIGTERM, stop.from_signal)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service's to handle
-    tools = dataclasses.replace(Tools(), open_scene=open_checked, make_sink=sinks)
-    summary = run_job(job, on_event=tell, stop=stop, resume=True, tools=tools)
-    from pipeline.media.files import write_atomic
-
-    said = {"frames": summary.frames, "seconds": summary.seconds}
-    write_atomic(finished, json.dumps(said).encode())
-    return said
+    computed = folder / "computed.json"
+    if not computed.exists():  # else an earlier worker died over the exports
+        tools = dataclasses.replace(Tools(), open_scene=open_checked, make_sink=sinks)
+        summary = run_job(job, on_event=tell, stop=stop, resume=True, tools=tools)
+        said = {"frames": summary.frames, "seconds": summary.seconds}
+        write_atomic(computed, json.dumps(said).encode())
+    for form in request.exports:
+        options = export_options(form, results, order.name)
+        if options.output is None or not options.output.exists():
+            export(master_in(folder), options, stop=stop)
+    return dict(json.loads(computed.read_text(encoding="utf-8")))
 
 
 def _kind(error: Exception) -> str:

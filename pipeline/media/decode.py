@@ -296,6 +296,22 @@ class VideoReader:
         with self._lock:
             return _samples(self._frame(index), self.path)
 
+    def stored(self, index: int) -> npt.NDArray:
+        """Return frame ``index`` of an RGB or grey video as it is stored, nothing computed.
+
+        Returns
+        -------
+        ndarray of shape (H, W, 3) RGB or (H, W) grey, uint8 or uint16
+        """
+        with self._lock:
+            frame = self._frame(index)
+            deep = max(component.bits for component in frame.format.components) > 8
+            if frame.format.name.startswith("gray"):
+                return frame.to_ndarray(format="gray16le" if deep else "gray")
+            if not frame.format.is_rgb:
+                raise SceneError(f"{frame.format.name} is not stored as RGB", path=self.path)
+            return frame.to_ndarray(format="rgb48le" if deep else "rgb24")
+
     def close(self) -> None:
         """Close the file; may be called twice."""
         with self._lock:

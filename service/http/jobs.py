@@ -24,13 +24,14 @@ from starlette.datastructures import UploadFile
 from starlette.formparsers import MultiPartException
 from starlette.requests import ClientDisconnect, HTTPConnection
 
+from pipeline.job import Job
 from service.http import uploads
 from service.http.auth import Client, require
 from service.http.files import matches, send_file, tag_of, unchanged
 from service.http.problems import ProblemError, responses
 from service.http.quota import check_space
 from service.jobs.pictures import too_large
-from service.jobs.request import JobRequest, make_job, safe_name
+from service.jobs.request import JobRequest, export_options, make_job, safe_name
 from service.jobs.states import Action, State, TransitionError
 from service.scheduler import job_folder
 from service.store import EventRecord, JobRecord, KeyReusedError
@@ -170,7 +171,7 @@ async def create(
         record = await asyncio.to_thread(_take, request, client, text, files, idempotency_key)
     response.headers["Location"] = f"/api/v1/jobs/{record.id}"
     response.headers["Retry-After"] = "1"
-    return _view(record)
+    return view_of(record)
 
 
 _creating: set[tuple[str, str]] = set()
@@ -221,14 +222,15 @@ def _take(
         folder = job_folder(state.config.data, job_id)
         try:
             scene = _scene(request, client, asked, files, folder / "input")
-            make_job(asked, scene, folder / "results")  # are the settings possible?
+            name = _stem(asked, scene, folder)
+            _check_forms(asked, make_job(asked, scene, folder / "results", name=name), name)
             record, _ = state.store.create_job(
                 job_id=job_id,
                 client=client.name,
                 request={
                     "request": asked.model_dump(exclude_unset=True),
                     "scene": str(scene),
-                    "name": _stem(asked, scene, folder),
+                    "name": name,
                 },
                 priority=asked.priority,
                 key=key,
@@ -239,6 +241,21 @@ def _take(
             raise
     state.scheduler.poke()
     return record
+
+
+def _check_forms(asked: JobRequest, job: Job, name: str) -> None:
+    """Find out whether everything that is asked for can be written, each under its own name."""
+    output: Any = asked.output
+    if asked.exports and not output.master:
+        raise ProblemError("invalid", "exports: are made from the master; let it be kept")
+    results = job.output.report.parent if job.output.report is not None else Path()
+    taken = [path for path in (job.output.output, job.output.frames_dir) if path is not None]
+    for form in asked.exports:
+        options = export_options(form, results, name)
+        for path in (options.output, options.frames_dir):
+            if path is not None and path in taken:
+                raise ProblemError("invalid", f"exports: two forms would be called {path.name}")
+            taken += [] if path is None else [path]
 
 
 def _parsed(text: str) -> JobRequest:
@@ -348,7 +365,7 @@ def index(
     response.headers["ETag"] = tag
     if matches(if_none_match, tag):
         return unchanged(tag)  # type: ignore[return-value]
-    return JobPage(jobs=[_view(record) for record in page], next=more)
+    return JobPage(jobs=[view_of(record) for record in page], next=more)
 
 
 @router.get(
@@ -367,7 +384,7 @@ def show(
     response.headers["ETag"] = tag
     if matches(if_none_match, tag):
         return unchanged(tag)  # type: ignore[return-value]
-    return _view(record)
+    return view_of(record)
 
 
 @router.delete("/jobs/{job_id}", status_code=204, responses=responses(404, 409, 422))
@@ -385,7 +402,7 @@ def cancel(request: Request, job_id: JobId, client: Submitter) -> JobView:
     """Ask a job to stop; again is no error."""
     record = find_job(request, job_id, client)
     try:
-        return _view(request.app.state.scheduler.cancel(record.id))
+        return view_of(request.app.state.scheduler.cancel(record.id))
     except TransitionError as error:
         raise ProblemError("conflict", str(error)) from None
 
@@ -399,7 +416,7 @@ def retry(request: Request, job_id: JobId, client: Submitter) -> JobView:
     except TransitionError as error:
         raise ProblemError("conflict", str(error)) from None
     request.app.state.scheduler.poke()
-    return _view(record)
+    return view_of(record)
 
 
 @router.get(
@@ -566,7 +583,8 @@ def find_job(request: HTTPConnection, job_id: str, client: Client) -> JobRecord:
     return record
 
 
-def _view(record: JobRecord) -> JobView:
+def view_of(record: JobRecord) -> JobView:
+    """Return a job as clients see it."""
     here = f"/api/v1/jobs/{record.id}"
     return JobView(
         id=record.id,

@@ -10,6 +10,7 @@ import dataclasses
 import re
 import types
 import typing
+from fractions import Fraction
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
@@ -17,6 +18,8 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from pipeline.config import Settings
 from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
+from pipeline.media.video_format import VideoCodec, VideoFormat
+from pipeline.stereo import StereoLayout
 from service.jobs.paths import OURS
 
 CONTAINERS = ("mkv", "mp4", "webm")
@@ -67,6 +70,16 @@ OutputModel = fields_model(
 )
 
 
+ExportForm = fields_model(
+    "ExportForm",
+    OutputOptions,
+    leave_out=(*OURS, "segment_length"),
+    container=(Literal[CONTAINERS], Field("mkv", description="container of the video")),
+    video=(bool, Field(True, description="write a video")),
+    frames=(bool, Field(False, description="write lossless PNG of every frame")),
+)
+
+
 class JobRequest(BaseModel):
     """A job: a scene, how to read it, the settings, what to write."""
 
@@ -95,6 +108,9 @@ class JobRequest(BaseModel):
     settings: SettingsModel = Field(default_factory=SettingsModel)  # type: ignore[valid-type]
     input: InputModel = Field(default_factory=InputModel)  # type: ignore[valid-type]
     output: OutputModel = Field(default_factory=OutputModel)  # type: ignore[valid-type]
+    exports: list[ExportForm] = Field(  # type: ignore[valid-type]
+        default=[], max_length=8, description="further forms of the result, from the master"
+    )
     priority: int = Field(0, ge=-10, le=10, description="larger is earlier")
 
 
@@ -119,7 +135,7 @@ def make_job(
         read["views"] = tuple(read["views"])
     wanted = parts.output.model_dump()
     container, video, frames, _ = (wanted.pop(key) for key in OURS_OF_OUTPUT)
-    file = results / f"{name}{layout_token(wanted['layout'])}.{container}"
+    file = results / file_name(name, wanted["layout"], container)
     return Job(
         scene=scene,
         settings=Settings(**given),
@@ -132,6 +148,42 @@ def make_job(
             report=results / "report.json",
         ),
     )
+
+
+def export_options(form: Any, results: Path, name: str) -> OutputOptions:
+    """Return what an export writes; a form is an ``ExportForm``.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is out of range or contradicts another.
+    """
+    wanted = form.model_dump()
+    container, video, frames = (wanted.pop(key) for key in ("container", "video", "frames"))
+    file = results / file_name(name, wanted["layout"], container)
+    options = OutputOptions(
+        **wanted,
+        output=file if video else None,
+        frames_dir=results / "frames" if frames else None,
+    )
+    if video:
+        VideoFormat.for_path(
+            file,
+            layout=StereoLayout(options.layout),
+            fps=Fraction(1),
+            codec=None if options.codec is None else VideoCodec(options.codec),
+            crf=options.quality,
+        )
+    return options
+
+
+def file_name(name: str, layout: str, container: str) -> str:
+    """Return the name of a video, by which players recognise the layout.
+
+    >>> file_name("clip", "half-sbs", "mp4")
+    'clip_3D_HSBS_LR.mp4'
+    """
+    return f"{name}{layout_token(layout)}.{container}"
 
 
 def layout_token(layout: str) -> str:

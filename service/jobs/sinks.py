@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pipeline.errors import OutputError
+from pipeline.export import Master
 from pipeline.media.media_sink import MediaSink
 from pipeline.media.video_format import VideoCodec
 from pipeline.sink import OutputPlan, Sink
 from pipeline.stereo import StereoLayout
 from pipeline.tee_sink import TeeSink
 from service.jobs.watch_sink import EyeSources, OnPiece, WatchSink, watched_eyes
+from service.live.track import Track
 
 MASTER = "master.mkv"
 """Name of the lossless video in a job's folder that exports are made from."""
@@ -37,6 +40,22 @@ class JobSinks:
         if self.keep_master:
             others["master"] = MediaSink(master_plan(plan, self.folder / MASTER))
         return TeeSink(MediaSink(plan), others)
+
+
+def master_in(folder: Path) -> Master:
+    """Return the master of a finished job, which lies in the job's folder.
+
+    Raises
+    ------
+    OutputError
+        If there is none (any more).
+    """
+    info, path = Track(folder / WATCH / "result").info, folder / MASTER
+    if info is None or not path.is_file():
+        raise OutputError("there is no lossless master to export from")
+    return Master(
+        path=path, fps=info.rate, first_frame=info.first_frame, layout=StereoLayout(info.layout)
+    )
 
 
 def master_plan(plan: OutputPlan, path: Path) -> OutputPlan:

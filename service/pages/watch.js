@@ -230,6 +230,9 @@ place("canvas").addEventListener("pointermove", (event) => {
 });
 for (const name of ["play", "pause", "ended"]) videos.result.addEventListener(name, showPlaying);
 videos.result.addEventListener("seeked", keepTogether);
+videos.result.addEventListener("ended", () => { // a busy machine may have left the last picture out
+  show("result", videos.result.currentTime - 1 / seen.tracks.result.fps);
+});
 
 function step(frames) {
   videos.result.pause();

@@ -1,0 +1,179 @@
+"""Other forms of a master: read back by others, true to a code value, whole after a kill."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from fractions import Fraction
+
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.errors import Interrupted, OutputError
+from pipeline.export import Master, export
+from pipeline.job import OutputOptions
+from pipeline.media.decode import VideoReader
+from pipeline.media.encode import join_segments, write_segment
+from pipeline.media.video_format import Container, VideoCodec, VideoFormat, suggested_name
+from pipeline.stereo import StereoLayout
+from pipeline.stop import StopFlag
+
+HEIGHT, WIDTH, FRAMES, FIRST = 96, 256, 5, 7
+BARS = ((191, 191, 191), (191, 191, 0), (0, 191, 191), (0, 191, 0),
+        (191, 0, 191), (191, 0, 0), (0, 0, 191), (16, 16, 16))  # fmt: skip
+"""Colour bars of three quarters, and near black."""
+
+
+def _chart() -> np.ndarray:
+    """A grey ramp of all codes over colour bars: one eye."""
+    ramp = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
+    bars = np.array(BARS, np.uint8)[np.arange(WIDTH) // (WIDTH // len(BARS))][None]
+    return np.vstack([np.repeat(ramp, HEIGHT // 2, 0), np.repeat(bars, HEIGHT // 2, 0)])
+
+
+@pytest.fixture(scope="module")
+def master(tmp_path_factory) -> Master:
+    """The chart, upside down in the right eye, for five frames."""
+    folder = tmp_path_factory.mktemp("master")
+    layout, fps = StereoLayout.SBS, Fraction(15)
+    form = VideoFormat(container=Container.MKV, codec=VideoCodec.FFV1, layout=layout, fps=fps)
+    chart = _chart()
+    write_segment(
+        folder / "one.mkv", form, [(chart, chart[::-1])] * FRAMES, first_frame=FIRST
+    )  # fmt: skip
+    join_segments([folder / "one.mkv"], folder / "master.mkv", form)
+    return Master(path=folder / "master.mkv", fps=fps, first_frame=FIRST, layout=layout)
+
+
+def _options(path, **options) -> OutputOptions:
+    return OutputOptions(output=path, segment_length=2, **options)
+
+
+def _streams(path):
+    command = ["ffprobe", "-v", "error", "-show_streams", "-show_frames", "-of", "json", str(path)]
+    said = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+    return said["streams"][0], said["frames"]
+
+
+def _decoded(path, tmp_path) -> np.ndarray:
+    """Return the first frame as FFmpeg's own converter gives it: (H, W, 3)."""
+    picture = tmp_path / "decoded.png"
+    exactly = ["-pix_fmt", "rgb24", "-sws_flags", "accurate_rnd+full_chroma_int+bicubic"]
+    command = ["ffmpeg", "-v", "error", "-y", "-i", str(path), "-frames:v", "1", *exactly]
+    command.append(str(picture))
+    subprocess.run(command, check=True)
+    return cv2.cvtColor(cv2.imread(str(picture)), cv2.COLOR_BGR2RGB)
+
+
+FORMS = [
+    ("mp4", "h264", "sbs"), ("mp4", "h264", "half-sbs"), ("mp4", "h264", "tab"),
+    ("mp4", "h264", "half-tab"), ("mkv", "h264", "sbs"), ("mkv", "h264", "half-sbs"),
+    ("mkv", "ffv1", "tab"), ("webm", "vp9", "sbs"), ("webm", "av1", "tab"),
+    ("mp4", "h264", "anaglyph"), ("webm", "vp9", "left"),
+]  # fmt: skip
+
+
+@pytest.mark.skipif(not shutil.which("ffprobe"), reason="ffprobe is not installed")
+@pytest.mark.parametrize(("container", "codec", "layout"), FORMS)
+def test_every_form_says_what_it_is(master, tmp_path, container, codec, layout):
+    path = tmp_path / suggested_name("clip", StereoLayout(layout), Container(container))
+    assert export(master, _options(path, layout=layout, codec=codec)) == FRAMES
+    stream, frames = _streams(path)
+    assert len(frames) == FRAMES
+    shape = {
+        "sbs": (2 * WIDTH, HEIGHT), "tab": (WIDTH, 2 * HEIGHT),
+    }.get(layout, (WIDTH, HEIGHT))  # fmt: skip
+    assert (stream["width"], stream["height"]) == shape
+    kinds = {"sbs": "side by side", "tab": "top and bottom"}
+    kind = kinds.get(layout.removeprefix("half-"))
+    data = [item for item in stream.get("side_data_list", ()) if "Stereo" in item["side_data_type"]]
+    if kind is None:
+        assert data == []
+        return
+    assert [item["type"] for item in data] == [kind]
+    if codec == "h264":
+        mode = "left_right" if "sbs" in layout else "top_bottom"
+        assert frames[0]["tags"]["stereo_mode"] == mode
+    if layout.startswith("half"):
+        assert stream["sample_aspect_ratio"] == ("2:1" if "sbs" in layout else "1:2")
+
+
+@pytest.mark.skipif(not shutil.which("mediainfo"), reason="mediainfo is not installed")
+def test_players_and_probes_of_others_agree(master, tmp_path):
+    path = tmp_path / "clip_3D_SBS_LR.mkv"
+    export(master, _options(path, layout="sbs"))
+    said = subprocess.run(["mediainfo", str(path)], capture_output=True, text=True, check=True)
+    assert "Side by Side (left eye first)" in said.stdout
+    if shutil.which("mpv"):
+        words = ["mpv", "--no-config", "--vo=null", "--ao=null", "--frames=1",
+                 "--term-playing-msg=IN=${video-params/stereo-in}", str(path)]  # fmt: skip
+        played = subprocess.run(words, capture_output=True, text=True, check=True, timeout=60)
+        assert "IN=sbs2l" in played.stdout
+
+
+@pytest.mark.skipif(not shutil.which("ffmpeg"), reason="ffmpeg is not installed")
+@pytest.mark.parametrize(
+    ("container", "codec"), [("mp4", "h264"), ("mkv", "h264"), ("webm", "vp9"), ("mkv", "ffv1")]
+)
+def test_grey_ramp_and_colour_bars_survive_within_a_code_value(master, tmp_path, container, codec):
+    path = tmp_path / f"chart.{container}"
+    quality = None if codec == "ffv1" else 1
+    export(master, _options(path, layout="sbs", codec=codec, quality=quality))
+    seen = _decoded(path, tmp_path).astype(int)
+    chart = _chart().astype(int)
+    left = seen[:, :WIDTH]
+    # What limited range can tell apart: 220 levels for 256 codes.
+    ramp = np.abs(left[4:44, 2:-2] - chart[4:44, 2:-2])
+    assert ramp.max() <= 1
+    inner = np.abs(left[60:90] - chart[60:90]).reshape(30, len(BARS), -1, 3)[:, :, 6:-6]
+    assert inner.max() <= 1
+
+
+def test_pictures_are_the_master_bit_for_bit(master, tmp_path):
+    options = OutputOptions(frames_dir=tmp_path / "frames", segment_length=2)
+    assert export(master, options) == FRAMES
+    names = sorted(path.name for path in (tmp_path / "frames").glob("*.png"))
+    assert names[0] == "left-000007.png"
+    assert len(names) == 2 * FRAMES
+    right = cv2.imread(str(tmp_path / "frames" / "right-000009.png"))
+    assert np.array_equal(cv2.cvtColor(right, cv2.COLOR_BGR2RGB), _chart()[::-1])
+
+
+def test_the_lossless_form_is_the_master_bit_for_bit(master, tmp_path):
+    path = tmp_path / "again.mkv"
+    export(master, _options(path, layout="sbs", codec="ffv1"))
+    one, other = VideoReader(master.path), VideoReader(path)
+    for index in range(FRAMES):
+        assert np.array_equal(one.stored(index), other.stored(index))
+    one.close()
+    other.close()
+
+
+def test_interrupted_it_goes_on_and_ends_with_the_same_bytes(master, tmp_path):
+    whole, broken = tmp_path / "whole.mp4", tmp_path / "broken.mp4"
+    export(master, _options(whole, layout="half-sbs"))
+    stop, seen = StopFlag(), []
+
+    def hear(event):
+        seen.append(type(event).__name__)
+        if seen.count("FrameFinished") == 3:
+            stop.set()
+
+    with pytest.raises(Interrupted):
+        export(master, _options(broken, layout="half-sbs"), on_event=hear, stop=stop)
+    assert not broken.exists()
+    again = []
+    export(master, _options(broken, layout="half-sbs"), on_event=again.append)
+    assert again[0].frames_done == 2
+    assert broken.read_bytes() == whole.read_bytes()
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_one_eye_is_no_pair(master, tmp_path):
+    alone = Master(path=master.path, fps=master.fps, first_frame=0, layout=StereoLayout.LEFT)
+    with pytest.raises(OutputError, match="needs both"):
+        export(alone, _options(tmp_path / "o.mkv", layout="sbs"))
+    with pytest.raises(OutputError, match="another job"):
+        export(master, _options(tmp_path / "o.mkv", layout="views"))

@@ -1,0 +1,73 @@
+"""Exports over HTTP: from a finished job, and with it."""
+
+from __future__ import annotations
+
+import httpx
+import pytest
+
+from tests.service.http.test_api import follow, is_problem
+
+BODY = {"scene": "tiny", "input": {"frames": ":2"}, "output": {"segment_length": 1}}
+
+
+@pytest.fixture(scope="module")
+def api(live_service):
+    with httpx.Client(base_url=live_service.url, timeout=60) as client:
+        yield client
+
+
+def _names(api, job):
+    return {item["name"] for item in api.get(f"/api/v1/jobs/{job}/results").json()}
+
+
+def test_a_finished_job_is_exported_in_other_forms(api):
+    job = api.post("/api/v1/jobs", json=BODY).json()["id"]
+    follow(api, job)
+    where = f"/api/v1/jobs/{job}/exports"
+    made = []
+    for form in (
+        {"container": "mp4", "layout": "half-sbs"},
+        {"container": "mkv", "codec": "ffv1", "layout": "tab"},
+        {"video": False, "frames": True},
+    ):
+        answer = api.post(where, json=form)
+        assert answer.status_code == 202, answer.text
+        made.append(answer.json()["id"])
+        assert answer.headers["location"] == f"/api/v1/jobs/{made[-1]}"
+        assert follow(api, made[-1])[-1]["kind"] == "succeeded"
+    assert _names(api, made[0]) == {"tiny_3D_HSBS_LR.mp4"}
+    assert _names(api, made[1]) == {"tiny_3D_TAB.mkv"}
+    pictures = {f"frames/{eye}-00000{n}.png" for eye in ("left", "right") for n in range(2)}
+    assert _names(api, made[2]) == pictures
+    listed = api.get(where).json()["jobs"]
+    assert [item["id"] for item in listed] == made[::-1]
+    assert listed[0]["request"]["of"] == job
+    is_problem(api.post(where, json={"container": "webm", "codec": "h264"}), 422,
+               "configuration-error")  # fmt: skip
+    is_problem(api.post(where, json={"layout": "views"}), 422, "invalid")
+    is_problem(api.post(f"/api/v1/jobs/{made[0]}/exports", json={}), 409, "conflict")
+    assert api.delete(f"/api/v1/jobs/{job}").status_code == 204
+    assert _names(api, made[0]) == {"tiny_3D_HSBS_LR.mp4"}
+
+
+def test_forms_asked_for_at_the_start_come_with_the_results(api):
+    forms = [{"container": "webm", "layout": "anaglyph"}, {"container": "mp4", "layout": "tab"}]
+    job = api.post("/api/v1/jobs", json={**BODY, "exports": forms}).json()["id"]
+    assert follow(api, job)[-1]["kind"] == "succeeded"
+    assert _names(api, job) == {
+        "tiny_3D_SBS_LR.mkv", "tiny_anaglyph.webm", "tiny_3D_TAB.mp4", "report.json"
+    }  # fmt: skip
+
+
+def test_what_cannot_be_written_is_refused_at_once(api):
+    twice = [{"container": "mkv", "layout": "sbs"}]
+    is_problem(api.post("/api/v1/jobs", json={**BODY, "exports": twice}), 422, "invalid")
+    bare = {**BODY, "output": {"master": False}, "exports": [{"layout": "tab"}]}
+    is_problem(api.post("/api/v1/jobs", json=bare), 422, "invalid")
+
+
+def test_without_a_master_there_is_nothing_to_export_from(api):
+    job = api.post("/api/v1/jobs", json={**BODY, "output": {"master": False}}).json()["id"]
+    where = f"/api/v1/jobs/{job}/exports"
+    follow(api, job)
+    is_problem(api.post(where, json={"layout": "tab"}), 409, "conflict")

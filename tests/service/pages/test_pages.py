@@ -1,0 +1,283 @@
+"""The pages in a real browser: they play to the end, show what they say, and shut nobody out."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+
+import httpx
+import numpy as np
+import pytest
+
+from pipeline.baselines import bicubic
+from pipeline.grid import Grid, Sampling
+from pipeline.stereo import anaglyph
+from service.config import ServiceConfig
+from tests.service.http.test_api import follow
+from tests.service.http.test_watch import OnAir
+
+FRAMES = 24
+PATIENCE_MS = 60_000
+TOKEN = "a-token-for-everything"
+
+
+@pytest.fixture(scope="module")
+def job(live_service, tiny_scene):
+    """Id of a finished job of two seconds."""
+    from pipeline.synthetic.scene import SampleScene
+    from pipeline.synthetic.writing import write_scene
+
+    scene = SampleScene(width=48, height=36, num_views=3)
+    write_scene(tiny_scene.parent / "long", scene, num_frames=FRAMES)
+    with httpx.Client(base_url=live_service.url, timeout=60) as api:
+        body = {"scene": "long", "output": {"segment_length": 12}}
+        made = api.post("/api/v1/jobs", json=body).json()["id"]
+        follow(api, made)
+    return made
+
+
+@contextlib.contextmanager
+def opened(chromium, url, *, width=1280, errors=()):
+    """A page that logs no error but those named."""
+    context = chromium.new_context(viewport={"width": width, "height": 800})
+    context.set_default_timeout(PATIENCE_MS)
+    page = context.new_page()
+    said = []
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("console", lambda line: said.append(line.text) if line.type == "error" else None)
+    page.goto(url)
+    yield page
+    context.close()
+    assert [line for line in said if not any(known in line for known in errors)] == []
+
+
+def _until(page, condition):
+    """Wait for a condition; the page's policy lets the browser's own waiting not in."""
+    deadline = time.monotonic() + PATIENCE_MS / 1000
+    while not page.evaluate(condition):
+        assert time.monotonic() < deadline, condition
+        page.wait_for_timeout(50)
+
+
+def _pixels(page):
+    """Return the canvas of the watch page: (H, W, 3) uint8."""
+    data = page.evaluate(
+        """() => {
+          const { view } = window.depthsrWatch, { gl, canvas } = view;
+          view.draw();
+          const out = new Uint8Array(4 * canvas.width * canvas.height);
+          gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, out);
+          return [canvas.width, canvas.height, Array.from(out)];
+        }"""
+    )
+    width, height, flat = data
+    return np.array(flat, np.uint8).reshape(height, width, 4)[::-1, :, :3]
+
+
+def _choose(page, **options):
+    page.evaluate("options => Object.assign(window.depthsrWatch.view.options, options)", options)
+
+
+def _first_frame(page):
+    """Pause at the first frame."""
+    _until(page, "window.depthsrWatch.numbers().drawn > 0")
+    page.evaluate(
+        """async () => {
+          const video = window.depthsrWatch.videos.result;
+          video.pause();
+          video.currentTime = 0.01;
+        }"""
+    )
+    _until(page, "window.depthsrWatch.numbers().shownFrame === 0")
+
+
+def test_hls_plays_to_the_end_with_every_frame(chromium, live_service, job):
+    with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
+        _until(page, "window.depthsrWatch.videos.result.ended")
+        quality = page.evaluate(
+            "(q => [q.totalVideoFrames, q.corruptedVideoFrames])"
+            "(window.depthsrWatch.videos.result.getVideoPlaybackQuality())"
+        )
+        assert quality == [FRAMES, 0]
+        numbers = page.evaluate("window.depthsrWatch.numbers()")
+        assert numbers["way"] == "hls"
+        assert numbers["shownFrame"] == FRAMES - 1
+        assert page.locator("#frame").inner_text().count("computed in") == 1
+
+
+def test_every_view_shows_what_it_says(chromium, live_service, job):
+    with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
+        _first_frame(page)
+        both = _pixels(page)
+        assert both.shape == (72, 192, 3)
+        left, right = both[:, :96], both[:, 96:]
+        assert left.std() > 10
+        _choose(page, half=True)
+        assert _pixels(page).shape == (72, 96, 3)
+        _choose(page, half=False, swap=True)
+        assert np.abs(_pixels(page)[:, :96].astype(int) - right).max() <= 1
+        _choose(page, mode="tab", swap=False)
+        assert np.abs(_pixels(page)[72:].astype(int) - right).max() <= 1
+        _choose(page, mode="left")
+        assert np.abs(_pixels(page).astype(int) - left).max() <= 1
+        _choose(page, mode="anaglyph")
+        assert np.abs(_pixels(page).astype(int) - anaglyph(left, right)).max() <= 2
+
+
+def test_before_is_the_observed_picture_enlarged_bicubically(chromium, live_service, job):
+    with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
+        _first_frame(page)
+        page.locator("text=Before and after").click()
+        _until(
+            page, "window.depthsrWatch.view.hasBefore && !window.depthsrWatch.videos.before.seeking"
+        )
+        _choose(page, wipe=1.1)
+        shown = _pixels(page)
+        width, height, flat = page.evaluate(
+            """() => {
+              const video = window.depthsrWatch.videos.before;
+              const canvas = new OffscreenCanvas(video.videoWidth, video.videoHeight);
+              const drawing = canvas.getContext("2d");
+              drawing.drawImage(video, 0, 0);
+              const { data } = drawing.getImageData(0, 0, canvas.width, canvas.height);
+              return [canvas.width, canvas.height, Array.from(data)];
+            }"""
+        )
+        observed = np.array(flat, np.uint8).reshape(height, width, 4)[:, : width // 2, :3]
+        grid = Grid(magnification_x=2, magnification_y=2, sampling=Sampling.AREA)
+        expected = np.clip(bicubic(observed.astype(np.float32), grid), 0, 255)
+        assert np.abs(shown - expected).max() <= 2
+        _choose(page, wipe=-0.1)
+        assert np.abs(_pixels(page) - expected).max() > 10
+
+
+def test_the_live_edge_plays_to_the_end(chromium, tmp_path):
+    config = ServiceConfig(data=tmp_path / "data", workers=0)
+    with OnAir(config) as station:
+        station.feed(3)
+
+        def go_on():
+            for _ in range(90):
+                station.feed(1)
+                stopped.wait(1 / 15)
+            station.broadcast.close()
+
+        stopped = threading.Event()
+        feeding = threading.Thread(target=go_on)
+        with opened(chromium, f"http://{station.address}/watch/streams/room") as page:
+            _until(page, "window.depthsrWatch.numbers().way === 'live'")
+            feeding.start()
+            _until(page, "window.depthsrWatch.videos.result.ended")
+            feeding.join()
+            assert page.evaluate("window.depthsrWatch.numbers().shownFrame") == 92
+            total = page.evaluate(
+                "window.depthsrWatch.videos.result.getVideoPlaybackQuality().totalVideoFrames"
+            )
+            assert 45 <= total <= 93  # it may jump to the edge where the machine is slow
+            assert _pixels(page).std() > 10
+            assert page.locator("#name").inner_text() == "room"
+
+
+def test_a_job_plays_while_it_runs(chromium, make_service, tiny_scene, job):
+    """HLS begins with the first piece and goes on as others come."""
+    service = make_service("--roots", str(tiny_scene.parent))
+    body = {"scene": "long", "output": {"segment_length": 12}}
+    with httpx.Client(base_url=service.url, timeout=60) as api:
+        running = api.post("/api/v1/jobs", json=body).json()["id"]
+        with opened(chromium, f"{service.url}/watch/jobs/{running}") as page:
+            _until(page, "window.depthsrWatch.numbers().drawn > 0")
+            begun = time.time()
+            _until(page, "window.depthsrWatch.videos.result.ended")
+            assert page.evaluate("window.depthsrWatch.numbers().shownFrame") == FRAMES - 1
+        events = api.get(f"/api/v1/jobs/{running}/events").json()["events"]
+    assert events[-1]["kind"] == "succeeded"
+    assert begun > 0
+
+
+def test_files_dropped_become_a_job_with_downloads(chromium, live_service, tiny_scene, tmp_path):
+    folder = tmp_path / "small"
+    folder.mkdir()
+    for name in ("cam0", "cam1", "cam2"):
+        (folder / name).mkdir()
+        for kind in ("color", "depth"):
+            source = tiny_scene / name / f"{kind}-0000.png"
+            (folder / name / source.name).write_bytes(source.read_bytes())
+    text = (tiny_scene / "scene.json").read_text().replace('"frame_count": 6', '"frame_count": 1')
+    (folder / "scene.json").write_text(text)
+    with opened(chromium, live_service.url) as page:
+        page.locator("#folder").set_input_files(str(folder))
+        page.wait_for_url("**/jobs/*")
+        _until(page, "document.getElementById('state').textContent === 'succeeded'")
+        page.wait_for_selector("#files a")
+        names = page.locator("#files a").all_inner_texts()
+        assert "report.json" in names
+        assert any(name.endswith("_3D_SBS_LR.mkv") for name in names)
+        with page.expect_download() as loading:
+            page.locator("#files a", has_text="report.json").click()
+        assert loading.value.suggested_filename == "report.json"
+
+
+def test_who_has_no_token_is_led_to_the_door_and_back(chromium, make_service, tmp_path):
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"anna submit,read {TOKEN}\n")
+    service = make_service("--workers", "0", "--token-file", str(tokens))
+    known = ("401",)
+    with opened(chromium, f"{service.url}/?from=here", errors=known) as page:
+        page.wait_for_url("**/login?next=*")
+        page.locator("#token").fill("a-token-that-is-wrong")
+        page.locator("button.first").click()
+        page.wait_for_selector("#trouble:not([hidden])")
+        page.locator("#token").fill(TOKEN)
+        page.keyboard.press("Enter")
+        page.wait_for_url("**/?from=here")
+        page.wait_for_selector("#leave:not([hidden])")
+        assert page.locator("#leave").inner_text() == "Log out anna"
+        assert page.evaluate("document.cookie") == ""
+        (cookie,) = page.context.cookies()
+        assert cookie["httpOnly"]
+        assert cookie["sameSite"] == "Strict"
+        page.locator("#leave").click()
+        page.wait_for_url("**/login")
+        assert page.context.cookies() == []
+
+
+PAGES = ("/", "/login", "/jobs/{job}", "/watch/jobs/{job}", "/api/docs")
+
+
+@pytest.mark.parametrize("where", PAGES)
+def test_pages_are_for_everybody(chromium, live_service, job, where):
+    """WCAG A and AA by axe, in the dark and in the light, and no sideways scrolling at 360 px."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    url = live_service.url + where.format(job=job)
+    rules = {"runOnly": {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21aa", "wcag22aa"]}}
+    with opened(chromium, url, width=360) as page:
+        page.wait_for_load_state("load")
+        page.wait_for_timeout(1500)
+        for scheme in ("dark", "light"):
+            page.emulate_media(color_scheme=scheme)
+            found = Axe().run(page, options=rules).response["violations"]
+            assert [
+                (item["id"], [node["html"][:120] for node in item["nodes"]]) for item in found
+            ] == []
+        widths = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+        assert widths[0] <= widths[1]
+
+
+def test_pages_run_nothing_inline_and_nothing_foreign(live_service):
+    with httpx.Client(base_url=live_service.url) as api:
+        for where in PAGES:
+            answer = api.get(where.format(job="x"))
+            policy = answer.headers["content-security-policy"]
+            assert "default-src 'none'" in policy
+            assert "unsafe" not in policy
+            assert "http" not in policy
+            assert "<script>" not in answer.text
+            assert " style=" not in answer.text
+            assert " onclick" not in answer.text
+        assert api.get("/static/../store.py").status_code == 404
+        assert api.get("/static/%2e%2e/store.py").status_code == 404
+        assert api.get("/static/__init__.py").status_code == 404
+        tag = api.get("/static/style.css").headers["etag"]
+        assert api.get("/static/style.css", headers={"If-None-Match": tag}).status_code == 304
