@@ -52,9 +52,12 @@ def scenes_dir() -> Path:
     pytest.skip(reason)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """A real browser. Without it: skipped; under CI=true: failed."""
+    """A real browser. Without it: skipped; under CI=true: failed.
+
+    For the tests of one file, since its driver holds the event loop of the thread.
+    """
     from playwright.sync_api import sync_playwright
 
     path = shutil.which("chromium")
@@ -64,10 +67,7 @@ def chromium() -> Iterator[Any]:
             pytest.fail(reason, pytrace=False)
         pytest.skip(reason)
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(
-            executable_path=path,
-            args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
-        )
+        browser = driver.chromium.launch(executable_path=path, args=list(CHROMIUM_OPTIONS))
         yield browser
         browser.close()
 
@@ -83,16 +83,3 @@ def no_error_logs(caplog: pytest.LogCaptureFixture) -> Iterator[None]:
         if record.levelno >= logging.ERROR
     ]
     assert not errors, f"logged as ERROR: {errors}"
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    """A real browser for the tests of a file: no longer, since it holds the event loop."""
-    playwright = pytest.importorskip("playwright.sync_api")
-    path = shutil.which("chromium")
-    if path is None:
-        pytest.skip("chromium is not installed")
-    with playwright.sync_playwright() as run:
-        browser = run.chromium.launch(executable_path=path, args=list(CHROMIUM_OPTIONS))
-        yield browser
-        browser.close()

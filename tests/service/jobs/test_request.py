@@ -28,7 +28,7 @@ from service.jobs.request import (
     [
         (SettingsModel, Settings, (), set()),
         (InputModel, InputOptions, (), set()),
-        (OutputModel, OutputOptions, OURS, {"container", "video", "frames"}),
+        (OutputModel, OutputOptions, OURS, {"container", "video", "frames", "master"}),
     ],
 )
 def test_http_knows_the_settings_of_the_command_line(model, kind, ours, added):

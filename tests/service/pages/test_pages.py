@@ -170,11 +170,13 @@ def test_the_live_edge_plays_to_the_end(chromium, tmp_path):
             feeding.start()
             _until(page, "window.depthsrWatch.videos.result.ended")
             feeding.join()
-            assert page.evaluate("window.depthsrWatch.numbers().shownFrame") == 92
+            assert (
+                page.evaluate("window.depthsrWatch.numbers().shownFrame") == 91
+            )  # a fragment waits for the next
             total = page.evaluate(
                 "window.depthsrWatch.videos.result.getVideoPlaybackQuality().totalVideoFrames"
             )
-            assert 45 <= total <= 93  # it may jump to the edge where the machine is slow
+            assert 45 <= total <= 92  # it may jump to the edge where the machine is slow
             assert _pixels(page).std() > 10
             assert page.locator("#name").inner_text() == "room"
 
