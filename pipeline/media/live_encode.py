@@ -120,6 +120,7 @@ class LiveEncoder:
         """
         if self._shape is None:
             self._open(picture, frame_index)
+            self._shape = picture.shape
         if picture.shape != self._shape:
             raise OutputError(
                 f"frame {frame_index} is {picture.shape[1]}×{picture.shape[0]}, the live stream "
@@ -153,7 +154,6 @@ class LiveEncoder:
         height, width = picture.shape[:2]
         if height % 2 or width % 2:
             raise OutputError(f"a live picture of {width}×{height}: pad it to even sides")
-        self._shape = picture.shape
         self._first = frame_index
         self._container = av.open(self._outlet, "w", format="mp4", options=dict(_MUXER))
         parameters = ["scenecut=0"]

@@ -7,6 +7,7 @@ nowhere else.
 from __future__ import annotations
 
 import json
+import logging
 import threading
 import time
 from collections import deque
@@ -20,7 +21,9 @@ from pipeline.errors import Interrupted, PipelineError, SceneError
 from pipeline.frames import MultiViewFrame
 from pipeline.media.live_frames import LiveFrames
 from pipeline.media.live_manifest import LiveManifest
+from pipeline.psf_search import search_psf
 from pipeline.realtime import Choice, Controller, Rung
+from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.results import FrameResult, SuperResolvedImage
 from pipeline.stereo import Picture
 from pipeline.worker import Worker
@@ -32,6 +35,8 @@ from service.streams.intake import Intake
 from service.streams.latency import Latency, Rate
 from service.streams.options import Rule, StreamOptions
 from service.streams.outlets import FinishedFrame, Outlets
+
+log = logging.getLogger(__name__)
 
 KEEP_HISTORY = 100
 """Frames whose account is kept for those who ask."""
@@ -123,7 +128,7 @@ class StreamSession:
         self._progress = Progress()
         self._began = clock()
         self._stopping = threading.Event()
-        self._worker = Worker(settings, targets=manifest.pair, stop=self._stopping.is_set)
+        self._worker: Worker | None = None
         self._capture_delay: float | None = None
         self._expected = expected_of(manifest, options, limits)
         self.intake = Intake(
@@ -255,10 +260,14 @@ class StreamSession:
             sent = self._outlets.send(self._finished(result, assembled))
         except Interrupted:
             return
-        except PipelineError as error:
+        except MemoryError:
+            raise  # of the whole process: the next worker begins with more room
+        except Exception as error:
+            if not isinstance(error, PipelineError):
+                log.warning("a frame failed", exc_info=True, extra={"stream": self.stream})
             progress.frames_failed += 1
-            progress.problem = str(error)
-            self._account(assembled, {}, problem=str(error))
+            progress.problem = str(error) or type(error).__name__
+            self._account(assembled, {}, problem=progress.problem)
             return
         end = self._clock()
         seconds = {
@@ -298,12 +307,22 @@ class StreamSession:
 
     def _superresolved(self, frame: MultiViewFrame, choice: Choice) -> FrameResult:
         """Return the result with the effort chosen; all of it where no rate is to be held."""
+        if self._worker is None:
+            self._worker = self._made_worker(frame)
         if not self.options.real_time:
             return self._worker.take(frame)
         left, right = self.manifest.pair
         both = choice.both_eyes or right not in self._eyes
         targets = (left, right) if both else (left,)
         return self._worker.take(frame, targets=targets, effort=choice.effort)
+
+    def _made_worker(self, first: MultiViewFrame) -> Worker:
+        """Return the worker, with the PSF of the first frame where it is to be estimated."""
+        more = {}
+        if self.settings.psf == "auto":
+            curve = search_psf(first, self.settings)[0]
+            more["psf"] = GaussianPsf.of(curve.sigma, curve.support)
+        return Worker(self.settings, targets=self.manifest.pair, stop=self._stopping.is_set, **more)
 
     def _words(self, choice: Choice) -> str:
         """Return what was left out of a frame."""

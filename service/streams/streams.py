@@ -16,9 +16,8 @@ import shutil
 import tempfile
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +29,12 @@ from service.bus import keys
 from service.bus.bus import JSON, Bus, BusError, Sample, answer_json
 from service.bus.config import BusConfig
 from service.config import MIB, ServiceConfig
-from service.live.broadcast import Broadcast, Broadcasts
+from service.live.broadcast import Broadcasts
 from service.streams.options import StreamOptions
 from service.streams.process import StreamProcess
 from service.streams.session import check_views
-from service.streams.states import Action, State, after
+from service.streams.states import Action, State
+from service.streams.stream import MAX_LOSSES, KeptStreams, Stream
 from service.streams.worker import StreamOrder
 
 log = logging.getLogger(__name__)
@@ -47,9 +47,6 @@ RETRY = 2.0
 
 MAX_MANIFEST = 1 << 20
 """Longest manifest taken, bytes."""
-
-MAX_LOSSES = 5
-"""Workers that may be lost within :data:`LOSS_TIME` before a stream is given up."""
 
 LOSS_TIME = 60.0
 """Seconds."""
@@ -80,40 +77,6 @@ class NoSuchStreamError(PipelineError):
     """There is no stream of that name."""
 
     code = "no-such-stream"
-
-
-@dataclass(kw_only=True)
-class Stream:
-    """One stream. Changed by :class:`Streams` only, under its lock."""
-
-    id: str
-    client: str
-    settings: dict[str, Any]
-    options: dict[str, Any]
-    created: float
-    state: State = State.WAITING
-    run: int = 0
-    """Workers so far."""
-    manifest: LiveManifest | None = None
-    status: dict[str, Any] = field(default_factory=dict)
-    """What its worker said last."""
-    problem: dict[str, Any] | None = None
-    broadcast: Broadcast | None = None
-    """For browsers; None before the first manifest."""
-    process: StreamProcess | None = None
-    losses: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_LOSSES))
-    begin_at: float = 0.0
-    """When the next worker may be started, monotonic seconds."""
-    since: float = 0.0
-    """When it came to its state, monotonic seconds."""
-
-    def act(self, action: Action) -> None:
-        """Change the state."""
-        state = after(self.state, action)
-        if state is not self.state:
-            log.info("stream %s", state, extra={"stream": self.id, "was": self.state.value})
-            self.since = time.monotonic()
-        self.state = state
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,6 +113,7 @@ class Streams:
         self.config = config
         self._open_bus = open_bus
         self._broadcasts = broadcasts
+        self._kept = KeptStreams(config.data / "streams")
         self._on_change = on_change
         self._lock = threading.RLock()
         self._streams: dict[str, Stream] = {}
@@ -178,6 +142,10 @@ class Streams:
     def start(self) -> None:
         """Open the bus, now or as soon as it can be had, and listen."""
         if self.is_on:
+            for item in self._kept.all():
+                self._streams[item.id] = item
+                if item.manifest is not None and item.state is not State.STOPPED:
+                    self._begin(item, item.manifest)
             self._open()
             self._thread.start()
 
@@ -250,6 +218,7 @@ class Streams:
             self._streams[stream] = item
             if read is not None:
                 self._begin(item, read)
+            self._kept.keep(item)
         self._on_change(stream)
         return item
 
@@ -264,6 +233,8 @@ class Streams:
                 item.process.stop()
             self._broadcasts.close(watched_as(stream))
             item.broadcast = None
+            if item.client != FROM_BUS:
+                self._kept.keep(item)
         self._publish(item)
         self._on_change(stream)
         return item
@@ -273,6 +244,7 @@ class Streams:
         with self._lock:
             self.stop(stream)
             del self._streams[stream]
+            self._kept.forget(stream)
 
     # The thread
 

@@ -32,8 +32,9 @@ def stage(tmp_path_factory, tiny_scene):
     service = LiveService(folder / "data", options).start()
     stage = Stage(service, endpoint)
     stage.run(
-        "publish", str(tiny_scene), "--stream", "tiny", "--rate", "6", "--loop", "--jitter", "0.05"
-    )
+        "publish", str(tiny_scene), "--stream", "tiny", "--rate", "6", "--loop", "--jitter", "0.18",
+        "--loss", "0.02",
+    )  # fmt: skip
     until(lambda: stage.state("tiny") == "live")
     yield stage
     stage.end()
@@ -73,6 +74,25 @@ def test_who_joins_late_can_decode_from_the_first_message(stage):
     frames = _decoded(units)
     assert len(frames) == 8
     assert {(frame.width, frame.height) for frame in frames} == {(units[0].width, units[0].height)}
+
+
+def test_what_is_lost_and_in_disorder_is_counted_and_the_rest_goes_on(stage):
+    def is_counted():
+        counts = _counts(stage)
+        return counts["frames_without_depth"] + counts["frames_incomplete"]
+
+    until(is_counted)
+    status = stage.status("tiny")["status"]
+    assert status["frames_done"] > 0
+    assert status["frames_failed"] == 0
+
+
+def test_browsers_get_the_same_video(stage):
+    where = f"{stage.service.url}/api/v1/streams/tiny/watch"
+    track = until(lambda: httpx.get(where, timeout=30).json()["tracks"].get("result"))
+    assert (track["layout"], track["fps"]) == ("sbs", 6.0)
+    playlist = f"{stage.service.url}{track['playlist']}"
+    until(lambda: "#EXTINF" in httpx.get(playlist, timeout=30).text)
 
 
 def test_simple_clients_get_pictures_and_answers(stage):

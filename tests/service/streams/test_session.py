@@ -1,0 +1,170 @@
+"""A stream at work within one process: cameras with faults, the session, what comes out."""
+
+from __future__ import annotations
+
+import json
+import threading
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from pipeline.config import Settings
+from pipeline.media.layouts import describe_path
+from pipeline.media.live_source import LiveSource
+from pipeline.worker import Worker
+from service.bus import keys
+from service.bus.keys import Output
+from service.bus.memory import MemoryNetwork
+from service.streams.options import StreamOptions
+from service.streams.player import Player, Playing
+from service.streams.receiver import Receiver, split_group
+from service.streams.session import Limits, StreamSession
+from tests.service.streams.conftest import until
+
+
+@pytest.fixture
+def source(tiny_scene):
+    with LiveSource(describe_path(tiny_scene), fps=Fraction(10)) as source:
+        yield source
+
+
+@pytest.fixture
+def network():
+    return MemoryNetwork()
+
+
+def run(network, source, *, options, settings=None, playing=None, frames=None, sent=None):
+    """Play the scene through a session; return the session after its last frame."""
+    bus = network.connect()
+    pictures = []
+    session = StreamSession(
+        bus, "s", source.manifest, settings=settings or Settings(psf_sigma=1.0, noise_sigma=1.0),
+        options=options, limits=Limits(max_rate=1000),
+        to_service=lambda kind, data: pictures.append((kind, data)),
+    )  # fmt: skip
+    worker = threading.Thread(target=session.run)
+    worker.start()
+    try:
+        until(lambda: bus.who_lives(keys.alive("s")))
+        until(lambda: network.connect().publisher(
+            "depthsr/s/in/cam0/color", encoding="").has_subscribers)  # fmt: skip
+        if sent is not None:
+            sent(network.connect(), session)
+        else:
+            Player(network.connect(), "s", source, playing).play(threading.Event())
+        until(lambda: session.status()["frames_done"] >= (frames or 1))
+    finally:
+        session.stop()
+        worker.join(60)
+    assert not worker.is_alive()
+    session.pictures = pictures
+    return session
+
+
+def one_by_one(source, *, spoil=lambda index, parts: parts):
+    """Return what sends each frame when the one before it is done."""
+    from service.bus.keys import Part
+    from service.streams.messages import InputHeader, write_input_header
+
+    def send(bus, session):
+        for number, index in enumerate(source.frame_indices):
+            for (view, part), item in spoil(index, source.read(index)).items():
+                header = InputHeader(frame_index=index, capture_time_ns=number * 10**8)
+                bus.put(
+                    keys.input_key("s", view, Part(part)), item.data, encoding=item.encoding.value,
+                    attachment=write_input_header(header),
+                )  # fmt: skip
+            until(lambda number=number: len(session._history) == number + 1)
+
+    return send
+
+
+def test_what_comes_out_is_what_the_worker_makes(network, source, tiny_scene):
+    from pipeline.media.source import open_scene
+
+    settings = Settings(psf_sigma=1.0, noise_sigma=1.0, temporal="warm")
+    made = []
+    bus = network.connect()
+    bus.subscribe(keys.output("s", Output.SBS), lambda s: made.append(json.loads(s.attachment)))
+    receiver = Receiver(network.connect(), "s")
+    session = run(
+        network, source, options=StreamOptions(real_time=False), settings=settings,
+        sent=one_by_one(source), frames=6,
+    )  # fmt: skip
+    with open_scene(tiny_scene) as scene:
+        info = scene.info
+        worker = Worker(settings, targets=(info.left, info.right))
+        for frame in scene.frames():
+            last = worker.take(frame)
+    from service.streams.session import _picture
+
+    for view in (info.left, info.right):
+        assert np.array_equal(session._eyes[view], _picture(last.images[view]))
+    assert [item["sequence"] for item in made] == list(range(6))
+    assert [item["frame_index"] for item in made] == list(source.frame_indices)
+    assert made[0]["key"]
+    assert {kind for kind, _ in session.pictures} == {"mp4", "jpeg"}
+    (answer,) = bus.ask(keys.output("s", Output.SBS))
+    units = [json.loads(attachment) for attachment, _ in split_group(answer)]
+    assert units[0]["key"]
+    assert units[-1]["sequence"] == 5
+    stop = threading.Event()
+    assert len(list(receiver.units(stop=stop, timeout=0.1))) >= len(units)
+
+
+def test_missing_and_broken_parts_cost_what_the_rules_say(network, source):
+    def spoil(index, parts):
+        number = index - source.frame_indices.start
+        left = dict(parts)
+        if number == 1:
+            del left["cam0", "depth"]
+        if number == 2:
+            del left["cam0", "color"]
+        if number == 3:
+            broken = replace(left["cam2", "depth"], data=b"\x89PNG\r\n\x1a\nbroken")
+            left["cam2", "depth"] = broken
+        if number == 4:
+            left["cam1", "color"] = replace(left["cam1", "color"], data=b"no picture")
+        return left
+
+    session = run(
+        network, source, options=StreamOptions(wait=1.0, missing_view="use", real_time=False),
+        sent=one_by_one(source, spoil=spoil), frames=5,
+    )  # fmt: skip
+    status = session.status()
+    counts = status["counts"]
+    assert (status["frames_done"], status["frames_failed"], status["pictures_refused"]) == (5, 1, 2)
+    assert (counts["frames_without_depth"], counts["frames_without_view"]) == (1, 1)
+    assert counts["malformed"] == 2
+    history = session._asked_history(type("Q", (), {"parameters": "limit=3"}))
+    assert "cam1" in history[1]["problem"]
+    assert [item["problem"] is None for item in history] == [True, False, True]
+    assert json.dumps(status)
+
+
+def test_a_source_faster_than_the_machine_loses_frames_and_quality_but_goes_on(network, source):
+    playing = Playing(rate=Fraction(200), loop=True, jitter=0.02, loss=0.05, seed=3)
+    fast = LiveSource(source._scene, fps=Fraction(200))
+
+    def send(bus, session):
+        stop = threading.Event()
+        player = Player(bus, "s", fast, playing)
+        thread = threading.Thread(target=player.play, args=(stop,))
+        thread.start()
+        until(lambda: session.status()["frames_done"] >= 25)
+        stop.set()
+        thread.join(30)
+        assert player.lost > 0
+
+    with fast:
+        options = StreamOptions(wait=0.05, window=16)
+        session = run(network, fast, options=options, sent=send, frames=25)
+    status = session.status()
+    counts = status["counts"]
+    assert status["frames_failed"] == 0
+    assert counts["frames_behind"] > 0
+    assert counts["frames_without_depth"] + counts["frames_incomplete"] > 0
+    assert len(status["frames_by_effort"]) > 1
+    assert sum(status["frames_by_effort"].values()) == status["frames_done"] - 1
