@@ -114,7 +114,8 @@ def write_lossless_webm(path: Path, frames: Iterable[RgbImage], fps: Fraction) -
                     raise OutputError(f"{path}: there are no frames to write")
                 out.mux(stream.encode(None))
         except av.error.FFmpegError as error:
-            raise output_error(path, error) from error
+            said = OSError(abs(error.errno or 0), error.strerror or str(error))
+            raise output_error(path, said) from error
     return count
 
 
