@@ -9,6 +9,7 @@ export class Environment {
   #canvas;
   #size = null;
   #observer;
+  #period = null;
 
   constructor(canvas) {
     this.#canvas = canvas;
@@ -22,6 +23,17 @@ export class Environment {
     } catch {
       this.#observer.observe(canvas);
     }
+    const forget = () => {
+      this.#period = null;
+    };
+    addEventListener("resize", forget);
+    document.addEventListener("fullscreenchange", forget);
+  }
+
+  /** Return the time from refresh to refresh, ms: measured once for a window. */
+  async period() {
+    this.#period ??= await refreshPeriod();
+    return this.#period;
   }
 
   /** Return what `refusals` and `warnings` of layout.js ask for. */
@@ -36,7 +48,7 @@ export class Environment {
       zoom: visualViewport?.scale ?? 1,
       fullscreen: document.fullscreenElement !== null,
       webxr: await hasHeadset(),
-      refreshHz: 1000 / (await refreshPeriod()),
+      refreshHz: 1000 / (await this.period()),
     };
   }
 
@@ -73,7 +85,7 @@ export class Environment {
 }
 
 /** Return the time from refresh to refresh of the screen: the median of some, ms. */
-export async function refreshPeriod() {
+async function refreshPeriod() {
   const times = [];
   while (times.length < MEASURED_FRAMES) times.push(await nextFrame());
   const gaps = times.slice(1).map((time, index) => time - times[index]);

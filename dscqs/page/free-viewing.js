@@ -1,11 +1,10 @@
 /** Variant I: the assessor changes between A and B as they like, and grades when they want to. */
 
-import { refreshPeriod } from "./environment.js";
 import { frameAt } from "./schedule.js";
 
 /** Show until Enter, once both were seen; resolves with the log of what was shown when. */
 export async function freeViewing({ presentation, sides, screen, environment }) {
-  const period = await refreshPeriod();
+  const period = await environment.period();
   await Promise.all(Object.values(sides).map((side) => side.begin()));
   const surround = [presentation.grey, presentation.grey, presentation.grey];
   const log = {

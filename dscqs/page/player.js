@@ -1,6 +1,5 @@
 /** Shows the two sides of a presentation to the clock of the screen, and tells how it went. */
 
-import { refreshPeriod } from "./environment.js";
 import { frameAt, isOff, makeSchedule } from "./schedule.js";
 
 /**
@@ -38,7 +37,7 @@ export function headsetScreen(headset) {
  * @param environment watches for disturbances
  */
 export async function play({ presentation, sides, letters, screen, environment }) {
-  const period = await refreshPeriod();
+  const period = await environment.period();
   await sides.A.begin();
   const run = new Run(presentation, sides, letters, screen, period);
   const stop = environment.watch((fault) => run.fault(fault), { needsScreen: screen.needsScreen });
@@ -120,6 +119,10 @@ class Run {
     const past = this.log.intervals[this.#at];
     if (past !== undefined) {
       past.to_ms = rounded(elapsed);
+      if (past.frames === 0) {
+        this.fault({ kind: "stall", detail: `${past.what} was not shown at all` });
+        return false;
+      }
       const lasted = past.to_ms - past.from_ms;
       if (isOff(past.planned_ms, lasted, this.tolerated)) {
         this.fault({ kind: "late", detail: `${past.what} lasted ${lasted.toFixed(1)} ms` });

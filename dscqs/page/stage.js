@@ -27,6 +27,11 @@ export class Stage {
     return this.profile.mode === "webxr";
   }
 
+  /** True where the graphics were lost: only a new page gets them back. */
+  get isLost() {
+    return this.drawing?.gl.isContextLost() ?? false;
+  }
+
   /** Show the canvas over the page, or the page again. */
   reveal(isVisible) {
     document.documentElement.dataset.showing = isVisible ? "yes" : "no";

@@ -51,7 +51,9 @@ export async function station(context, state) {
 export async function showOne(context, state) {
   const { api, main, texts, stage } = context;
   const mustAsk = stage.isHeadset || lastStage !== state.stage;
-  const hint = stage.isHeadset ? texts.headsetHint : texts.readyHint;
+  const hint = stage.isHeadset
+    ? texts.headsetHint
+    : `${texts.readyHint} ${state.variant === "I" ? texts.freeHint : ""}`;
   lastStage = state.stage;
   if (!stage.isHeadset) {
     await readyDisplay(context, mustAsk ? { title: numberOf(texts, state), text: hint } : null);
@@ -75,6 +77,7 @@ export async function showOne(context, state) {
   }
   if (isKept) return loaded;
   await pages.failed(main, texts, failures >= OFTEN);
+  if (stage.isLost) location.reload();
   return null;
 }
 

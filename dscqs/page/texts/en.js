@@ -19,13 +19,11 @@ export default {
   notGraded: "not graded yet",
   sameAsA: "B same as A",
   goOn: "Continue",
-  back: "Back",
   begin: "Begin",
   submit: "Submit",
   gradeTitle: "Your grades",
   gradeHint:
     "Click on each line, or use the arrow keys. The words are a guide; any place on the line will do.",
-  gradeMissing: "Grade both A and B first.",
   gradeSaving: "Saving…",
   gradeReminder: "Please finish your grades.",
   lookAgain: "Look again",
@@ -40,9 +38,6 @@ export default {
   failed: "The showing was disturbed, so it does not count. It will be shown again.",
   failedOften: "This has happened several times. Please call the operator.",
   freeHint: "A: show A   B: show B   Space: the other   Enter: grade",
-  freeGrade: "Grade",
-  freeBoth: "Look at both first.",
-  fullscreen: "Full screen",
   instructions: {
     title: "Welcome",
     intro:
@@ -63,9 +58,7 @@ export default {
   },
   display: {
     title: "This screen",
-    fine: "The screen is ready.",
     cannot: "Pictures cannot be shown here as they must be:",
-    but: "Please note:",
     retry: "Check again",
     reasons: {
       "no-webgl2": "the browser has no WebGL 2",
@@ -161,12 +154,10 @@ export default {
   phone: {
     wait: "Look at the screen",
     waitText: "Your lines will appear here when it is time to grade.",
-    done: "Thank you. Look at the screen again.",
   },
   screen: {
     vote: "Please grade on your telephone",
     count: "{given} of {of} have graded",
     go: "Go on without the rest",
-    next: "Press the space bar for the next pair.",
   },
 };

@@ -1,8 +1,7 @@
-"""A real Chromium, and a server of the page's files under the policy that they are served with."""
+"""A server of the page's files, under a policy as strict as the one that they are served with."""
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import http.server
 import threading
@@ -12,9 +11,9 @@ from typing import Any
 
 import pytest
 
+from tests.support.browser import opened_tab
+
 PAGE = Path(__file__).parents[3] / "dscqs" / "page"
-PATIENCE_MS = 60_000
-"""How long a loaded machine may take for what takes a second."""
 
 
 class _Files(http.server.SimpleHTTPRequestHandler):
@@ -63,21 +62,6 @@ def files_url(made: Path) -> Iterator[str]:
     server.shutdown()
     server.server_close()
     thread.join()
-
-
-@contextlib.contextmanager
-def opened_tab(chromium: Any, url: str, **options: Any) -> Iterator[Any]:
-    """A tab on a page; whoever closes it with errors logged fails."""
-    context = chromium.new_context(**{"viewport": {"width": 640, "height": 400}, **options})
-    context.set_default_timeout(PATIENCE_MS)
-    page = context.new_page()
-    errors: list[str] = []
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
-    page.goto(url)
-    yield page
-    context.close()
-    assert errors == []
 
 
 @pytest.fixture(scope="module")
