@@ -8,36 +8,29 @@ from pathlib import Path
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 
 from dscqs.votes import parse_csv
 from service.dscqs_client import AssessorClient
 from tests.service.dscqs.support import walk
 
-CHROMIUM = shutil.which("chromium")
 PATIENCE_MS = 60_000
 
 
 @pytest.fixture(scope="module")
-def page(served, stimuli):
-    if CHROMIUM is None:
-        pytest.skip("there is no chromium")
+def page(chromium, served, stimuli):
     folder = served.root / "thesis-set-1"
     folder.mkdir()
     for key, name in stimuli.items():
         shutil.copy(served.root / "set1" / name, folder / f"{key.replace('/', '--')}.png")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
-        )
-        page = browser.new_page(viewport={"width": 1360, "height": 900}, accept_downloads=True)
-        page.set_default_timeout(PATIENCE_MS)
-        errors: list[str] = []
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(f"{served.url}/dscqs/pages/operator.html")
-        yield page
-        assert errors == []
-        browser.close()
+    page = chromium.new_page(viewport={"width": 1360, "height": 900}, accept_downloads=True)
+    page.set_default_timeout(PATIENCE_MS)
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(f"{served.url}/dscqs/pages/operator.html")
+    yield page
+    assert errors == []
+    page.close()
 
 
 def _look(page: Page, name: str) -> None:
