@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from urllib.parse import urlsplit
@@ -30,6 +31,9 @@ SECURITY_HEADERS = {
 PRIVATE = ("/api/", "/dscqs/api/", "/dscqs/a/")
 """Answers under these are never kept by a cache."""
 
+BODY_PATIENCE = 60.0
+"""Longest pause within a body, seconds."""
+
 SAFE = ("GET", "HEAD", "OPTIONS")
 
 
@@ -50,13 +54,22 @@ class Guards:
         metrics = scope["app"].state.metrics
         status = 0
         taken = 0
+        is_complete = False
         kind = headers.get("content-type", "").partition(";")[0]
         files = ("multipart/form-data", "application/offset+octet-stream")
         limit = self.config.max_body * MIB if kind in files else JSON_LIMIT
 
         async def counted() -> Message:
-            nonlocal taken
-            message = await receive()
+            nonlocal taken, is_complete
+            if is_complete:  # what is awaited now is the end of the connection
+                return await receive()
+            try:
+                message = await asyncio.wait_for(receive(), BODY_PATIENCE)
+            except TimeoutError:
+                raise ProblemError(
+                    "too-slow", f"nothing of the body came for {BODY_PATIENCE:g} seconds"
+                ) from None
+            is_complete = not message.get("more_body", False)
             taken += len(message.get("body", b""))
             if taken > limit:
                 raise ProblemError("too-large", f"the body is longer than {limit} bytes")

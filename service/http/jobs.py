@@ -112,7 +112,7 @@ class ResultView(BaseModel):
                 "Retry-After": {"schema": {"type": "integer"}},
             },
         },
-        **responses(400, 404, 409, 413, 415, 422, 429, 507),
+        **responses(400, 404, 408, 409, 413, 415, 422, 429, 507),
     },
     openapi_extra={
         "requestBody": {

@@ -47,6 +47,7 @@ KINDS = {
     "forbidden": Kind(403, "The token does not allow this"),
     "not-found": Kind(404, "There is no such thing"),
     "method-not-allowed": Kind(405, "The resource does not know this method"),
+    "too-slow": Kind(408, "The body did not come in time"),
     "conflict": Kind(409, "The state does not allow this"),
     "in-progress": Kind(409, "The same request is being worked on"),
     "gone": Kind(410, "The thing is no more"),

@@ -109,7 +109,7 @@ def offset(
 @router.patch(
     "/{upload_id}",
     status_code=204,
-    responses=responses(400, 404, 409, 412, 413, 415, 507),
+    responses=responses(400, 404, 408, 409, 412, 413, 415, 507),
     openapi_extra={
         "requestBody": {
             "content": {

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import json
 import random
+from fractions import Fraction
 
 import httpx
+import numpy as np
 import pytest
 
+from pipeline.media.encode import join_segments, write_segment
+from pipeline.media.video_format import Container, VideoCodec, VideoFormat
+from pipeline.stereo import StereoLayout
 from service.client import Client
 
 COUNT = 200
 WORKED = 6
 """So many of them go through a worker."""
+
+VIDEOS = 60
+"""Broken MP4 and raw 4:2:0 files, besides."""
 
 
 def _mutated(data: bytes, chance: random.Random) -> bytes:
@@ -50,6 +58,52 @@ def corpus(tiny_scene):
     return made
 
 
+@pytest.fixture
+def videos(tmp_path):
+    """Return scenes of one broken file each: a stereo video, or raw planes and their manifest."""
+    chance = random.Random(5)
+    fps = Fraction(5)
+    form = VideoFormat(
+        container=Container.MP4, codec=VideoCodec.H264, layout=StereoLayout.SBS, fps=fps
+    )
+    noise = np.random.default_rng(6).integers(0, 256, (3, 32, 48, 3), np.uint8)
+    write_segment(tmp_path / "a.mkv", form, [(eye, eye) for eye in noise], first_frame=0)
+    join_segments([tmp_path / "a.mkv"], tmp_path / "a_3D_SBS_LR.mp4", form)
+    video = (tmp_path / "a_3D_SBS_LR.mp4").read_bytes()
+    planes = noise[0].tobytes()[: 48 * 32 * 3 // 2]
+    raw = {"path": "a.yuv", "width": 48, "height": 32, "pixel_format": "yuv420p"}
+    manifest = {
+        "format": "depthsr-scene/1", "frame_count": 1,
+        "views": [{"id": view, "color": {**raw, "path": f"{view}.yuv"}} for view in "ab"],
+    }  # fmt: skip
+    made = []
+    for number in range(VIDEOS):
+        if number % 2:
+            made.append({"a_3D_SBS_LR.mp4": _mutated(video, chance)})
+        else:
+            text = json.dumps(manifest).encode()
+            broken = _mutated(text, chance) if number % 4 else text
+            made.append({"scene.json": broken, "a.yuv": _mutated(planes, chance), "b.yuv": planes})
+    return made
+
+
+def test_no_broken_video_is_a_fault(make_service, videos):
+    service = make_service("--workers", "0")
+    with httpx.Client(base_url=service.url, timeout=60) as api:
+        statuses = {
+            api.post(
+                "/api/v1/jobs", files=[("files", item) for item in scene.items()],
+                data={"job": "{}"},
+            ).status_code
+            for scene in videos
+        }  # fmt: skip
+        assert statuses <= {202, 413, 422}
+        assert api.get("/readyz").status_code == 200
+        uploads = service.data / "jobs"
+        jobs = api.get("/api/v1/jobs?limit=500").json()["jobs"]
+        assert {path.name for path in uploads.iterdir()} == {job["id"] for job in jobs}
+
+
 def test_no_broken_upload_is_a_fault(make_service, corpus):
     service = make_service("--workers", "0")
     statuses = set()
@@ -62,11 +116,11 @@ def test_no_broken_upload_is_a_fault(make_service, corpus):
         assert api.get("/readyz").status_code == 200
 
 
-def test_no_broken_scene_kills_a_worker(live_service, corpus):
+def test_no_broken_scene_kills_a_worker(live_service, corpus, videos):
     with httpx.Client(base_url=live_service.url, timeout=30) as api:
         jobs = []
         body = json.dumps({"input": {"frames": "0:1"}})
-        for scene in corpus[:: COUNT // WORKED]:
+        for scene in [*corpus[:: COUNT // WORKED], *videos[:4]]:
             files = [("files", item) for item in scene.items()]
             answer = api.post("/api/v1/jobs", files=files, data={"job": body})
             if answer.status_code == 202:
