@@ -89,12 +89,13 @@ function page(profiles, form, stage, render) {
       }),
     ),
     distance,
-    button("Take the size of this screen", async () => {
-      await stage.fill();
-      const seen = await stage.environment.observe(stage.drawing);
-      if (seen.canvas) [profile.width_px, profile.height_px] = seen.canvas;
-      render();
-    }),
+    el("div", { class: "actions" },
+      button("Take the size of this screen", async () => {
+        await stage.fill();
+        const seen = await stage.environment.observe(stage.drawing);
+        if (seen.canvas) [profile.width_px, profile.height_px] = seen.canvas;
+        render();
+      })),
     card(profile, () => render()),
     el("h2", { text: "Patterns" }),
     el("p", { class: "hint", text: state(profile) }),

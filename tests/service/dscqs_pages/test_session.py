@@ -148,13 +148,16 @@ def test_two_tabs_cannot_fork_a_session(enter, make_test, operator, plan):
     second = type(first)(first.page.context.new_page())
     second.open(first.page.url)
     second.come_to_vote()
+    first.page.bring_to_front()
     first.grade(0, 90)
     first.grade(1, 90)
     first.press_main()
     first.wait_for("elsewhere")
     assert votes_of(operator, test) == []
+    second.page.bring_to_front()
     second.vote(60, 20)
     second.come_to_vote()
+    first.page.bring_to_front()
     first.press_main()  # it is wanted here after all: the next pair, not the one before
     first.come_to_vote()
     first.vote(40, 30)
@@ -261,7 +264,7 @@ def test_free_switching_needs_both_and_may_look_again(enter, make_test, operator
     seat = enter(test)
     seat.wait_for("ready")
     seat.press_main()
-    seat.wait_until_drawn(2)
+    seat.wait_until_drawn(1)
     seat.page.keyboard.press("Enter")  # only A was seen: nothing happens
     seat.page.keyboard.press("b")
     seat.page.keyboard.press(" ")
