@@ -15,6 +15,7 @@ from pipeline.media.images import read_image
 from pipeline.media.lossless import open_lossless
 from pipeline.media.png import encode_png, write_png
 from service.cli import main
+from service.client import Client
 from service.plan_files import find_stimuli, format_plan, read_plan
 from service.stimuli import make_stimuli, read_manifest
 
@@ -165,3 +166,22 @@ def test_a_malformed_file_is_refused_by_its_name(tmp_path, text, said):
     assert str(path) in str(caught.value)
     with pytest.raises(PlanError, match="cannot be read"):
         read_plan(tmp_path / "nothing.yaml")
+
+
+@pytest.mark.parametrize("output", [{"frames": True, "video": False}, {"codec": "ffv1"}])
+def test_a_finished_job_becomes_stimuli(live_service, tmp_path, output):
+    request = {
+        "scene": "tiny",
+        "input": {"frames": "0:1"},
+        "output": {"container": "mkv", **output},
+    }
+    with Client(live_service.url) as client:
+        job = client.submit(request)
+        for _ in client.events(job.id):
+            pass
+        assert client.job(job.id).state == "succeeded"
+    words = ["-o", tmp_path / "stimuli", "--server", live_service.url]
+    assert _command("stimuli", f"tiny/sr=job:{job.id}", *words) == 0
+    made = read_manifest(tmp_path / "stimuli")["stimuli"]["tiny/sr"]
+    assert (made["width"], made["height"], made["frames"]) == (2 * 96, 72, 1)
+    assert _command("stimuli", "tiny/x=job:nothing", *words) != 0
