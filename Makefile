@@ -1,6 +1,7 @@
 # make demo    render a small scene, super-resolve it, look at it (demo/)
 # make test    format, lint and tests: what .ci/run runs
 # make bench   the benchmark table
+# make soak    2,000 frames: memory flat, quality steady (docs/soak.md)
 # make quality the tables of quality; DEPTHSR_SCENES names the folder of the real scenes
 # make lint    format and lint alone
 # make types   static types
@@ -9,7 +10,7 @@
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: demo test bench quality lint types lock system clean
+.PHONY: demo test bench soak quality lint types lock system clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -28,6 +29,10 @@ test: $(DEV) system
 
 bench: $(RUN)
 	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks.video
+
+soak: $(RUN)
+	$(BIN)/python -m benchmarks.soak --write docs/soak.md
 
 quality: $(RUN)
 	$(BIN)/python -m benchmarks.quality

@@ -5,3 +5,7 @@
 
 Both judge what they found by the floors of :mod:`floors`. Nothing here is installed.
 """
+
+from service.numba_cache import prepare_numba_cache
+
+prepare_numba_cache()  # before any of them imports numba

@@ -108,6 +108,10 @@ class ClusterEngine:
     ) -> None:
         self.close()
 
+    def wait_for_workers(self, count: int, patience: float = PATIENCE) -> None:
+        """Wait until the scheduler has so many workers; raise TimeoutError where it has not."""
+        self._client.wait_for_workers(count, timeout=patience)
+
     def close(self) -> None:
         """Leave the scheduler, which goes on."""
         self._client.close()

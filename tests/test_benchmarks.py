@@ -12,7 +12,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the benchmarks are not installed
 
-from benchmarks import floors, quality
+from benchmarks import floors, quality, soak
 from benchmarks.__main__ import main
 from benchmarks.floors import SpeedFigures
 from benchmarks.memory import load_frame, save_frame
@@ -219,3 +219,28 @@ def test_tables():
     assert table.as_text().splitlines() == ["a     b  say", "x   1.5  σ", "yy   10"]
     assert table.as_markdown().splitlines()[1] == "| --- | --: | --- |"
     assert (signed(-0.001), signed(float("nan"))) == ("+0.00", "–")
+
+
+def _soaked(memory, quality, frames=1000):
+    return soak.Soak(
+        frames=frames, size=(96, 72), num_views=3, seconds=1.0, memory=memory, quality=quality
+    )
+
+
+def test_a_long_run_is_judged_by_memory_after_it_has_settled_and_by_its_ends():
+    steady = [30.0] * 1000
+    grows_at_first = ((50, 100.0), (200, 200.0), (600, 205.0), (1000, 199.0))
+    assert _soaked(grows_at_first, steady).holds
+    assert not _soaked(((200, 200.0), (1000, 211.0)), steady).holds
+    worse = _soaked(grows_at_first, [30.0] * 900 + [29.9] * 100)
+    assert worse.drift == pytest.approx(0.1)
+    assert not worse.holds
+    assert "**It does not hold**" in soak.page(worse, "the command")
+
+
+def test_a_short_soak_runs_the_whole_way(tmp_path):
+    result = soak.soak(12, (64, 48), 2)
+    assert len(result.quality) == 12
+    assert result.memory[-1][0] == 12
+    first, last = result.quality[1:5], result.quality[-5:-1]
+    assert np.mean(first) == pytest.approx(np.mean(last), abs=1.0)

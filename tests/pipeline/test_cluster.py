@@ -123,7 +123,7 @@ def test_a_worker_killed_in_the_middle_costs_a_retry_and_no_bit(cluster, manifes
             doomed.wait()
 
     with ClusterEngine(cluster.address, patience=START) as engine:
-        engine._client.wait_for_workers(2, timeout=START)
+        engine.wait_for_workers(2, START)
         summary = run_job(job, engine=engine, on_event=on_event)
     assert doomed.poll() is not None
     assert _bytes(tmp_path / "job") == local
@@ -197,7 +197,7 @@ def test_a_worker_without_the_package_is_named(cluster, manifest, tmp_path):
     process = cluster.worker(PYTHONPATH=str(cluster.without_package))
     try:
         with ClusterEngine(cluster.address, patience=START) as engine:
-            engine._client.wait_for_workers(2, timeout=START)
+            engine.wait_for_workers(2, START)
             with pytest.raises(ClusterError, match=r"worker tcp://.*: it cannot import depthsr"):
                 run_job(_job(manifest, tmp_path / "job"), engine=engine)
     finally:
