@@ -352,10 +352,16 @@ def _check_stream(name: str) -> None:
 
 
 def _rate(text: str) -> Fraction:
-    rate = Fraction(text)
+    try:
+        rate = Fraction(text)
+    except ZeroDivisionError:
+        raise ValueError(text) from None
     if not 0 < rate <= 1000:
         raise ValueError(text)
     return rate
+
+
+_rate.__name__ = "rate"  # argparse says "invalid rate value"
 
 
 def _endpoints(text: str) -> tuple[str, ...]:

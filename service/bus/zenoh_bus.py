@@ -33,6 +33,10 @@ log = logging.getLogger(__name__)
 CLOSING = 3.0
 """Seconds that leaving may take."""
 
+SMALL_WAIT = 20_000
+"""How long a message of one piece waits for a congested link before it is dropped, µs. zenoh's
+own millisecond loses pictures that all cameras send at once where the processor is busy."""
+
 FRAGMENT_WAIT = 50_000
 """How long a large message waits for a congested link before it is dropped, µs."""
 
@@ -276,6 +280,7 @@ def _settings(config: BusConfig, listening: Sequence[str]) -> zenoh.Config:
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/rx/max_message_size": config.max_message,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": SMALL_WAIT,
         "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": (
             FRAGMENT_WAIT
         ),

@@ -49,6 +49,7 @@ def test_messages_come_in_order_with_all_that_belongs_to_them(buses):
     until(lambda: publisher.has_subscribers)
     for number in range(20):
         publisher.put(bytes([number]) * (number + 1), attachment=b"%d" % number)
+        until(lambda number=number: len(got) == number + 1)
     one.put("depthsr/a/status", b"{}", encoding=JSON)
     until(lambda: len(got) == 20)
     assert [item.attachment for item, _ in got] == [b"%d" % number for number in range(20)]
@@ -122,3 +123,24 @@ def test_an_endpoint_that_cannot_be_had_is_told_in_one_line():
     assert ".rs" not in str(caught.value)
     with pytest.raises(BusError, match="Unable to connect"):
         ZenohBus(BusConfig(connect=(endpoint,)))
+
+
+def test_a_message_larger_than_allowed_goes_nowhere_and_harms_nobody():
+    router = ZenohBus(BusConfig(mode="router", listen=("tcp/127.0.0.1:0",), max_message=2 << 20))
+    with (
+        router,
+        ZenohBus(BusConfig(connect=router.listening)) as rude,
+        ZenohBus(BusConfig(connect=router.listening)) as polite,
+        ZenohBus(BusConfig(connect=router.listening)) as listener,
+    ):
+        got = []
+        listener.subscribe("depthsr/*/in/*/*", lambda item: got.append((item.key, item.size)))
+        large = rude.publisher("depthsr/a/in/x/color", encoding=JPEG)
+        small = polite.publisher("depthsr/b/in/x/color", encoding=JPEG)
+        until(lambda: large.has_subscribers and small.has_subscribers)
+        large.put(bytes(20 << 20))
+        for number in range(5):
+            small.put(b"ok")
+            until(lambda number=number: len(got) == number + 1)
+        assert set(got) == {("depthsr/b/in/x/color", 2)}
+        until(lambda: large.put(b"later") or ("depthsr/a/in/x/color", 5) in got)

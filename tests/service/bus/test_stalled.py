@@ -54,7 +54,6 @@ def test_a_stalled_subscriber_slows_nobody():
             while not arrived:
                 publisher.put(FRAME, b"-1")
                 pause.wait(0.2)
-            assert stalled.stdout.readline() == f"{len(FRAME)}\n"
             os.kill(stalled.pid, signal.SIGSTOP)
             arrived.clear()
             puts = []

@@ -90,7 +90,7 @@ def test_what_comes_out_is_what_the_worker_makes(network, source, tiny_scene):
     bus.subscribe(keys.output("s", Output.SBS), lambda s: made.append(json.loads(s.attachment)))
     receiver = Receiver(network.connect(), "s")
     session = run(
-        network, source, options=StreamOptions(real_time=False), settings=settings,
+        network, source, options=StreamOptions(real_time=False, wait=5.0), settings=settings,
         sent=one_by_one(source), frames=6,
     )  # fmt: skip
     with open_scene(tiny_scene) as scene:
