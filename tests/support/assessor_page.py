@@ -56,7 +56,7 @@ class AssessorPage:
 
     @property
     def name(self) -> str:
-        return self.page.locator("main").get_attribute("data-page") or ""
+        return self.page.locator("#page").get_attribute("data-page") or ""
 
     def wait_for(self, *names: str) -> str:
         """Wait until one of the pages is there; return which."""

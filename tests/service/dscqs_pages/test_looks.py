@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 RULES = {"runOnly": {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa"]}}
@@ -59,3 +60,35 @@ def test_keys_grade_as_pointers_do(enter, make_test, operator, plan):
     seat.press_main()
     seat.wait_for("loading")
     assert given(votes_of(operator, test)) == [{"A": 60.9, "B": 90.0}]
+
+
+def test_both_eyes_read_the_same_page_at_the_same_place(
+    make_tab, make_test, operator, served, plan
+):
+    from dscqs.displays import profile_from_dict
+
+    served.app.state.desks.real.displays.put(
+        "pair",
+        profile_from_dict(
+            {"title": "two projectors", "mode": "dual", "width_px": 1280, "height_px": 640,
+             "distance_heights": 3}
+        ),
+    )  # fmt: skip
+    test = make_test({**plan, "displays": ["pair"], "stages": ["instructions"]})
+    size = {"width": 1280, "height": 640}
+    seat = make_tab(viewport=size).open(served.url + operator.invite(test, "a1", "pair"))
+    seat.wait_for("instructions")
+    seat.page.locator("#page .scale").first.press("PageUp")
+    seat.page.wait_for_selector(".copy .handle:visible")
+    places = seat.page.evaluate(
+        """() => ["#page", ".copy main"].map((root) =>
+          [...document.querySelectorAll(
+            `${root} :is(h1, p, li, button, .line, .handle:not([hidden]))`)].map(
+            (element) => {
+              const {x, y, width, height} = element.getBoundingClientRect();
+              return [x, y, width, height].map((value) => Math.round(100 * value) / 100);
+            }))"""
+    )
+    original, copy = places
+    assert len(original) > 10
+    np.testing.assert_allclose(np.array(copy) - original, len(copy) * [[640, 0, 0, 0]], atol=0.02)
