@@ -1,4 +1,4 @@
-"""Compiled inner loops of registration: spline samples, robust patch fits, patch choice.
+"""Compiled inner loops of registration: spline samples, robust patch fits.
 
 Images enter as quadratic B-spline coefficients padded by ``PAD`` pixels on each
 side, so that samples and gradients come from one set of nine taps. Loops
@@ -89,17 +89,7 @@ def sample_field(coefficients, position, out):
 
 
 @njit(**_OPTIONS)
-def spline_gradient(coefficients, grad_x, grad_y):
-    """Write the spline's gradient at whole pixels, grey levels a pixel."""
-    for row in range(grad_x.shape[0]):
-        for column in range(grad_x.shape[1]):
-            _, gx, gy = sample(coefficients, float(column), float(row))
-            grad_x[row, column] = gx
-            grad_y[row, column] = gy
-
-
-@njit(**_OPTIONS)
-def _solve(matrix, rhs, size):
+def solve(matrix, rhs, size):
     """Solve the symmetric positive definite system in place by Cholesky; False if it is not."""
     for i in range(size):
         for j in range(i + 1):
@@ -401,7 +391,7 @@ def fit_patches(
                 step[num_basis + i] -= factor * (prior[p, 0, 1] * du + prior[p, 1, 1] * dv)
             matrix[size - 1, size - 1] = moments[7, 0, 0] / s2 + offset_precision
             step[size - 1] = -moments[8, 0, 0] / s2 - offset_precision * (zeta - offset_mean)
-            if not _solve(matrix, step, size):
+            if not solve(matrix, step, size):
                 status[p] = 3
                 motion[p] = start
                 break
@@ -424,101 +414,6 @@ def fit_patches(
 
 
 @njit(**_OPTIONS)
-def residual_energy(source, reference, windows, index, motion, energy):
-    """Write the squared residual of one patch's motion over its window; a large value outside.
-
-    ``energy`` is a (≥ window height, ≥ window width) float32 scratch area.
-    """
-    x0, y0, x1, y1 = windows[index, 0], windows[index, 1], windows[index, 2], windows[index, 3]
-    xc = 0.5 * (x0 + x1 - 1)
-    yc = 0.5 * (y0 + y1 - 1)
-    s = max(0.5 * max(x1 - x0, y1 - y0), 1.0)
-    theta = motion[index]
-    zeta = np.float32(theta[12])
-    inverse = 1 / s
-    for y in range(y0, y1):
-        Y = (y - yc) * inverse
-        cu0 = theta[0] + theta[2] * Y + theta[5] * Y * Y
-        cu1 = theta[1] + theta[4] * Y
-        cv0 = theta[6] + theta[8] * Y + theta[11] * Y * Y
-        cv1 = theta[7] + theta[10] * Y
-        for x in range(x0, x1):
-            X = (x - xc) * inverse
-            u = cu0 + (cu1 + theta[3] * X) * X
-            v = cv0 + (cv1 + theta[9] * X) * X
-            value, _, _ = sample(reference, x + u, y + v)
-            if np.isfinite(value):
-                r = value - source[y, x] + zeta
-                energy[y - y0, x - x0] = min(r * r, np.float32(2500.0))
-            else:
-                energy[y - y0, x - x0] = np.float32(2500.0)
-
-
-@njit(**_OPTIONS)
-def choose_patches(
-    source, reference, nearness, windows, ranges, motion, usable, radius, mismatch, best, cost
-):
-    """Choose for each pixel the patch motion with the least local residual, in place.
-
-    The cost is the mean squared residual in a (2·radius + 1)² box, plus ``mismatch``
-    times the squared distance (in nearness) to the patch's range.
-
-    Parameters
-    ----------
-    best : (H, W) int32
-        Modified: patch number, −1 where none.
-    cost : (H, W) float32
-        Modified: cost of that choice.
-    """
-    tallest = 0
-    widest = 0
-    for p in range(windows.shape[0]):
-        widest = max(widest, windows[p, 2] - windows[p, 0])
-        tallest = max(tallest, windows[p, 3] - windows[p, 1])
-    energy = np.empty((tallest, widest), np.float32)
-    smooth = np.empty((tallest, widest), np.float32)
-    for p in range(windows.shape[0]):
-        if not usable[p]:
-            continue
-        x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
-        residual_energy(source, reference, windows, p, motion, energy)
-        rows = y1 - y0
-        columns = x1 - x0
-        for y in range(rows):
-            total = np.float32(0.0)
-            for x in range(min(radius, columns)):
-                total += energy[y, x]
-            for x in range(columns):
-                if x + radius < columns:
-                    total += energy[y, x + radius]
-                if x - radius - 1 >= 0:
-                    total -= energy[y, x - radius - 1]
-                n = min(x + radius, columns - 1) - max(x - radius, 0) + 1
-                smooth[y, x] = total / n
-        for x in range(columns):
-            total = np.float32(0.0)
-            for y in range(min(radius, rows)):
-                total += smooth[y, x]
-            for y in range(rows):
-                if y + radius < rows:
-                    total += smooth[y + radius, x]
-                if y - radius - 1 >= 0:
-                    total -= smooth[y - radius - 1, x]
-                n = min(y + radius, rows - 1) - max(y - radius, 0) + 1
-                value = max(total, np.float32(0.0)) / n
-                d = nearness[y0 + y, x0 + x]
-                away = np.float32(0.0)
-                if d < ranges[p, 0]:
-                    away = ranges[p, 0] - d
-                elif d > ranges[p, 1]:
-                    away = d - ranges[p, 1]
-                value += mismatch * away * away
-                if value < cost[y0 + y, x0 + x]:
-                    cost[y0 + y, x0 + x] = value
-                    best[y0 + y, x0 + x] = p
-
-
-@njit(**_OPTIONS)
 def displacement_at(windows, motion, p, x, y):
     """Return (u, v) of patch ``p``'s motion at source pixel (x, y)."""
     x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
@@ -529,80 +424,6 @@ def displacement_at(windows, motion, p, x, y):
     u = t[0] + t[1] * X + t[2] * Y + t[3] * X * X + t[4] * X * Y + t[5] * Y * Y
     v = t[6] + t[7] * X + t[8] * Y + t[9] * X * X + t[10] * X * Y + t[11] * Y * Y
     return u, v
-
-
-@njit(**_OPTIONS)
-def blend_patches(windows, motion, usable, best, agreement, position, offset):
-    """Write the landing point of each pixel: its patch's motion blended with those that agree.
-
-    Overlapping patches whose motion at the pixel lies within ``agreement`` pixels of the
-    chosen one are averaged with a weight that falls off from their centre, which makes
-    the piecewise motion continuous on curved surfaces.
-
-    Parameters
-    ----------
-    position : (H, W, 2) float32
-        Written: x + u, y + v; NaN where no patch was chosen.
-    offset : (H, W) float32
-        Written: ζ blended likewise, grey levels.
-    """
-    height, width = best.shape
-    closeness = 1 / (agreement * agreement)
-    total = np.zeros((height, width), np.float32)
-    sum_u = np.zeros((height, width), np.float32)
-    sum_v = np.zeros((height, width), np.float32)
-    best_u = np.zeros((height, width), np.float32)
-    best_v = np.zeros((height, width), np.float32)
-    for y in range(height):
-        for x in range(width):
-            offset[y, x] = 0
-            if best[y, x] >= 0:
-                u, v = displacement_at(windows, motion, best[y, x], x, y)
-                best_u[y, x] = u
-                best_v[y, x] = v
-    for p in range(windows.shape[0]):
-        if not usable[p]:
-            continue
-        x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
-        xc = 0.5 * (x0 + x1 - 1)
-        yc = 0.5 * (y0 + y1 - 1)
-        reach_x = 0.5 * (x1 - x0) + 0.5
-        reach_y = 0.5 * (y1 - y0) + 0.5
-        inverse = 1 / max(0.5 * max(x1 - x0, y1 - y0), 1.0)
-        theta = motion[p]
-        for y in range(y0, y1):
-            fall_y = 1 - abs(y - yc) / reach_y
-            Y = (y - yc) * inverse
-            cu0 = theta[0] + theta[2] * Y + theta[5] * Y * Y
-            cu1 = theta[1] + theta[4] * Y
-            cv0 = theta[6] + theta[8] * Y + theta[11] * Y * Y
-            cv1 = theta[7] + theta[10] * Y
-            for x in range(x0, x1):
-                if best[y, x] < 0:
-                    continue
-                X = (x - xc) * inverse
-                u = cu0 + (cu1 + theta[3] * X) * X
-                v = cv0 + (cv1 + theta[9] * X) * X
-                du = u - best_u[y, x]
-                dv = v - best_v[y, x]
-                away = (du * du + dv * dv) * closeness
-                if away >= 1:
-                    continue
-                fall = max(fall_y * (1 - abs(x - xc) / reach_x), 1e-3)
-                w = fall * (1 - away) * (1 - away)
-                total[y, x] += w
-                sum_u[y, x] += w * u
-                sum_v[y, x] += w * v
-                offset[y, x] += w * motion[p, 12]
-    for y in range(height):
-        for x in range(width):
-            if total[y, x] > 0:
-                position[y, x, 0] = x + sum_u[y, x] / total[y, x]
-                position[y, x, 1] = y + sum_v[y, x] / total[y, x]
-                offset[y, x] /= total[y, x]
-            else:
-                position[y, x, 0] = np.nan
-                position[y, x, 1] = np.nan
 
 
 @njit(**_OPTIONS)

@@ -18,9 +18,13 @@ import numpy.typing as npt
 from numba import njit
 
 from pipeline.frames import Calibration
+from pipeline.registration.kernels import solve
 
 MIN_MATCHES = 8
 """Fewest matches that a fit is believed from."""
+
+ALONG = 0.1
+"""How much a distance along the parallax counts where nearness is not to be believed."""
 
 TRIALS = 300
 """Random samples drawn when nothing is known."""
@@ -179,6 +183,84 @@ def _search(source, reference, points, radius, reach_x, reach_y, shift, score):
         score[k] = best
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def _reweigh(
+    basis, target, directions, along, size, floor, hold, rounds, weights, distance, solution
+):
+    """Fit the eleven-parameter model by re-weighted least squares; False where too few agree.
+
+    Parameters
+    ----------
+    basis, target : (M, 4), (M, 2) float64
+        1, x, y, nearness of the points, and where they land, all of order one.
+    directions : (M, 2) float64
+        Unit vectors; distances along them are multiplied by ``along``.
+    size : float
+        Pixels of one unit.
+    floor : float
+        Smallest distance from which a match is left out, pixels.
+    hold : (11,) float64
+        Ridge.
+    weights, distance, solution : (M,), (M,), (11,) float64
+        Modified: the matches' weights, their distances in pixels, the model.
+    """
+    count = basis.shape[0]
+    matrix = np.empty((11, 11))
+    step = np.empty(11)
+    row = np.empty((2, 11))
+    for number in range(rounds):
+        matrix[:] = 0
+        step[:] = 0
+        for k in range(count):
+            if weights[k] <= 0:
+                continue
+            denominator = 1.0
+            for m in range(3):
+                denominator += basis[k, 1 + m] * solution[8 + m]
+            dx, dy = directions[k, 0], directions[k, 1]
+            for side in range(2):
+                nx = dx if side == 0 else -dy
+                ny = dy if side == 0 else dx
+                factor = np.sqrt(weights[k]) / denominator * (along if side == 0 else 1.0)
+                for m in range(4):
+                    row[side, m] = factor * nx * basis[k, m]
+                    row[side, 4 + m] = factor * ny * basis[k, m]
+                goal = factor * (nx * target[k, 0] + ny * target[k, 1])
+                for m in range(3):
+                    row[side, 8 + m] = -goal * basis[k, 1 + m]
+                for m in range(11):
+                    value = row[side, m]
+                    step[m] += value * goal
+                    for n in range(m + 1):
+                        matrix[m, n] += value * row[side, n]
+        for m in range(11):
+            matrix[m, m] += hold[m]
+        if not solve(matrix, step, 11):
+            return False
+        solution[:] = step
+        for k in range(count):
+            u = v = 0.0
+            denominator = 1.0
+            for m in range(4):
+                u += basis[k, m] * solution[m]
+                v += basis[k, m] * solution[4 + m]
+            for m in range(3):
+                denominator += basis[k, 1 + m] * solution[8 + m]
+            u = u / denominator - target[k, 0]
+            v = v / denominator - target[k, 1]
+            dx, dy = directions[k, 0], directions[k, 1]
+            distance[k] = size * np.hypot(along * (dx * u + dy * v), dx * v - dy * u)
+        sigma = max(1.4826 * np.median(distance[weights > 0]), 0.01)
+        cut = max(4.0 * sigma, floor) * (2.0 if number < rounds // 4 else 1.0)
+        left = 0
+        for k in range(count):
+            weights[k] = max(0.0, 1 - (distance[k] / cut) ** 2) ** 2
+            left += weights[k] > 0
+        if left < MIN_MATCHES:
+            return False
+    return True
+
+
 def match_points(
     source: npt.NDArray[np.float32],
     reference: npt.NDArray[np.float32],
@@ -240,6 +322,7 @@ def fit_parallax(
     nearness: npt.NDArray[np.float64],
     *,
     start: ParallaxMotion | None = None,
+    directions: npt.NDArray[np.float64] | None = None,
     tolerance: float = 6.0,
     rounds: int = 12,
     seed: int = 0,
@@ -258,6 +341,9 @@ def fit_parallax(
         Of the points, finite.
     start : ParallaxMotion, optional
         A motion whose inliers are taken instead of sampling for them.
+    directions : (M, 2) float64, optional
+        Unit vectors along the parallax: distances along them count little, as a point's
+        nearness may be wrong.
     tolerance : float
         Distance of an inlier to begin with, LR pixels.
     rounds, seed : int
@@ -290,38 +376,20 @@ def fit_parallax(
     # x' (1 + c) = a, y' (1 + c) = b with a, b, c linear in the basis (c without constant)
     target = (landed - centre) / size
     weights = inliers.astype(float)
-    a = np.zeros(4)
-    b = np.zeros(4)
-    c = np.zeros(3)
-    distance = np.full(count, np.inf)
-    for round_index in range(rounds):
-        zero = np.zeros_like(basis)
-        denominator = 1 + basis[:, 1:] @ c
-        rows = np.vstack(
-            [
-                np.hstack([basis, zero, -target[:, :1] * basis[:, 1:]]),
-                np.hstack([zero, basis, -target[:, 1:] * basis[:, 1:]]),
-            ]
-        )
-        scale = np.sqrt(np.tile(weights, 2)) / np.tile(denominator, 2)
-        system = rows * scale[:, None]
-        goal = np.concatenate([target[:, 0], target[:, 1]]) * scale
-        normal = system.T @ system
-        # the projective part is small; it is held unless the matches insist
-        hold = np.full(11, 1e-9)
-        hold[8:] = (0.3 / size) ** 2 * weights.sum() / 0.05**2 / 10
-        if not depth_counts:
-            hold[[3, 7, 10]] = 1e9
-        solution = np.linalg.solve(normal + np.diag(hold), system.T @ goal)
-        a, b, c = solution[:4], solution[4:8], solution[8:]
-        denominator = 1 + basis[:, 1:] @ c
-        predicted = np.column_stack([basis @ a, basis @ b]) / denominator[:, None]
-        distance = size * np.sqrt(((predicted - target) ** 2).sum(axis=1))
-        sigma = max(1.4826 * float(np.median(distance[weights > 0])), 0.05)
-        cut = max(4.0 * sigma, 0.5) * (2.0 if round_index < rounds // 4 else 1.0)
-        weights = np.maximum(0.0, 1 - (distance / cut) ** 2) ** 2
-        if (weights > 0).sum() < MIN_MATCHES:
-            return None
+    # the projective part is small; it is held unless the matches insist
+    hold = np.full(11, 1e-9)
+    hold[8:] = (0.3 / size) ** 2 * weights.sum() / 0.05**2 / 10
+    if not depth_counts:
+        hold[[3, 7, 10]] = 1e9
+    along, floor = (1.0, 0.5) if directions is None else (ALONG, 0.1)
+    unit = np.tile([1.0, 0.0], (count, 1)) if directions is None else directions
+    solution = np.zeros(11)
+    distance = np.empty(count)
+    if not _reweigh(
+        basis, target, unit, along, size, floor, hold, rounds, weights, distance, solution
+    ):
+        return None
+    a, b, c = solution[:4], solution[4:8], solution[8:]
     # undo the normalisation
     to_unit = np.array(
         [[1 / size, 0, -centre[0] / size], [0, 1 / size, -centre[1] / size], [0, 0, 1]]

@@ -35,6 +35,23 @@ class Patches:
     """(P,): pixels that belong."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Windows(Patches):
+    """Patches of overlapping windows, each with a cell in its middle that no other covers."""
+
+    owners: npt.NDArray[np.int32]
+    """(H, W): the patch of each pixel, among those of the cell in which it lies."""
+
+    cells: npt.NDArray[np.int32]
+    """(P, 4): x0, y0, x1, y1 of each patch's cell, half-open, source pixels."""
+
+    cell: npt.NDArray[np.int32]
+    """(P,): number of the cell, row by row; patches are in its order."""
+
+    grid: tuple[int, int]
+    """Rows and columns of cells."""
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def _plane(values, px, py, count, out):
     """Write a plane through the first ``count`` values; return their spread about the best one.
@@ -78,7 +95,10 @@ def _plane(values, px, py, count, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _cut_windows(nearness, spacing, half, tolerance, min_support, windows, ranges, planes, support):
+def _cut_windows(
+    nearness, spacing, half, tolerance, min_support, windows, ranges, planes, support, owners,
+    cells, cell,
+):  # fmt: skip
     """Fill the patch tables; return how many patches there are."""
     height, width = nearness.shape
     area = (2 * half + spacing) ** 2
@@ -173,9 +193,19 @@ def _cut_windows(nearness, spacing, half, tolerance, min_support, windows, range
                 ranges[number, 1] = highs[k]
                 planes[number] = plane
                 support[number] = n
-                if n > 0:
-                    number += 1
+                cells[number, 0] = gx * spacing
+                cells[number, 1] = gy * spacing
+                cells[number, 2] = min((gx + 1) * spacing, width)
+                cells[number, 3] = min((gy + 1) * spacing, height)
+                cell[number] = gy * ((width + spacing - 1) // spacing) + gx
+                number += 1
                 k += 1
+            for y in range(gy * spacing, min((gy + 1) * spacing, height)):
+                for x in range(gx * spacing, min((gx + 1) * spacing, width)):
+                    part = 0
+                    while part + 1 < parts and nearness[y, x] >= highs[part]:
+                        part += 1
+                    owners[y, x] = number - parts + part
     return number
 
 
@@ -186,7 +216,7 @@ def cut_windows(
     half: int,
     tolerance: float,
     min_support: int,
-) -> Patches:
+) -> Windows:
     """Return overlapping windows, each cut into parts where its depth is no plane.
 
     Not in the thesis ("more general splits are ours to add").
@@ -196,7 +226,8 @@ def cut_windows(
     nearness : (H, W) float32
         Without NaN.
     spacing, half : int
-        Distance of the windows' centres and half their side, pixels.
+        Distance of the windows' centres and half their side, pixels; windows overlap, so that
+        the cell of ``spacing`` pixels around a centre lies in its window.
     tolerance : float
         Standard deviation about a plane above which a window is cut, units of nearness.
     min_support : int
@@ -208,14 +239,22 @@ def cut_windows(
     ranges = np.empty((most, 2), np.float32)
     planes = np.empty((most, 3))
     support = np.empty(most, np.int32)
+    owners = np.empty((height, width), np.int32)
+    cells = np.empty((most, 4), np.int32)
+    cell = np.empty(most, np.int32)
     n = _cut_windows(
-        nearness, spacing, half, tolerance, min_support, windows, ranges, planes, support
-    )
-    return Patches(
+        nearness, spacing, half, tolerance, min_support, windows, ranges, planes, support, owners,
+        cells, cell,
+    )  # fmt: skip
+    return Windows(
         windows=windows[:n].copy(),
         ranges=ranges[:n].copy(),
         planes=planes[:n].copy(),
         support=support[:n].copy(),
+        owners=owners,
+        cells=cells[:n].copy(),
+        cell=cell[:n].copy(),
+        grid=(-(-height // spacing), -(-width // spacing)),
     )
 
 
@@ -231,21 +270,35 @@ def fill_unknown(depth_map: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         return np.array(depth_map, np.float32, order="C")  # a writable one, for one compilation
     if not known.any():
         return np.zeros(depth_map.shape, np.float32)
-    height, width = depth_map.shape
-    columns = np.arange(width)
-    left = np.maximum.accumulate(np.where(known, columns, -1), axis=1)
-    right = np.minimum.accumulate(np.where(known, columns, width)[:, ::-1], axis=1)[:, ::-1]
-    rows = np.arange(height)[:, None]
-    infinity = np.float32(np.inf)
-    from_left = np.where(left >= 0, depth_map[rows, np.maximum(left, 0)], infinity)
-    from_right = np.where(right < width, depth_map[rows, np.minimum(right, width - 1)], infinity)
-    filled = np.minimum(from_left, from_right)
+    filled = np.array(depth_map, np.float32, order="C")
     row_known = known.any(axis=1)
+    _fill_rows(filled)
     if not row_known.all():
         good = np.flatnonzero(row_known)
-        nearest = good[np.argmin(np.abs(np.arange(height)[:, None] - good[None, :]), axis=1)]
-        filled = filled[nearest]
-    return np.ascontiguousarray(filled, np.float32)
+        rows = np.arange(len(filled))
+        filled = filled[good[np.argmin(np.abs(rows[:, None] - good[None, :]), axis=1)]]
+    return filled
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _fill_rows(depth_map):
+    """Fill every gap of every row with the smaller of the values at its two ends, in place."""
+    height, width = depth_map.shape
+    for row in range(height):
+        left = np.float32(np.inf)
+        column = 0
+        while column < width:
+            if np.isfinite(depth_map[row, column]):
+                left = depth_map[row, column]
+                column += 1
+                continue
+            end = column
+            while end < width and not np.isfinite(depth_map[row, end]):
+                end += 1
+            right = depth_map[row, end] if end < width else np.float32(np.inf)
+            for place in range(column, end):
+                depth_map[row, place] = min(left, right)
+            column = end
 
 
 def layer_strips(

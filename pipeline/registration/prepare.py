@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.frames import View
-from pipeline.registration.kernels import PAD, spline_gradient
+from pipeline.registration.kernels import PAD
 from pipeline.registration.patches import fill_unknown
 
 SMOOTHING = 0.7
@@ -19,6 +19,10 @@ _POLE = np.sqrt(8.0) - 3.0
 _PREFILTER = (_POLE ** np.abs(np.arange(-4, 5))).astype(np.float32)
 _PREFILTER /= _PREFILTER.sum()
 
+_VALUE = np.array([0.125, 0.75, 0.125], np.float32)
+_SLOPE = np.array([-0.5, 0.0, 0.5], np.float32)
+"""A quadratic spline and its slope at whole pixels, of three coefficients."""
+
 
 def spline_coefficients(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Return quadratic B-spline coefficients of an image, padded by ``PAD`` (Unser 1999)."""
@@ -26,6 +30,16 @@ def spline_coefficients(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float3
         image, cv2.CV_32F, _PREFILTER, _PREFILTER, borderType=cv2.BORDER_REFLECT
     )
     return cv2.copyMakeBorder(coefficients, PAD, PAD, PAD, PAD, cv2.BORDER_REFLECT)
+
+
+def spline_gradients(
+    coefficients: npt.NDArray[np.float32],
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return the spline's gradient along x and y at whole pixels, grey levels a pixel."""
+    inner = coefficients[PAD:-PAD, PAD:-PAD]
+    along_x = cv2.sepFilter2D(inner, cv2.CV_32F, _SLOPE, _VALUE, borderType=cv2.BORDER_REFLECT)
+    along_y = cv2.sepFilter2D(inner, cv2.CV_32F, _VALUE, _SLOPE, borderType=cv2.BORDER_REFLECT)
+    return along_x, along_y
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,9 +99,7 @@ def prepare(
             nearness = np.ascontiguousarray(nearness[::2, ::2])
         smooth = cv2.GaussianBlur(image, (0, 0), smoothing) if smoothing > 0 else image
         coefficients = spline_coefficients(smooth)
-        gradient_x = np.empty_like(smooth)
-        gradient_y = np.empty_like(smooth)
-        spline_gradient(coefficients, gradient_x, gradient_y)
+        gradient_x, gradient_y = spline_gradients(coefficients)
         levels.append(
             Level(
                 image=smooth,

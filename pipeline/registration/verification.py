@@ -62,36 +62,72 @@ def _nearest_landing(position, nearness, nearest):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _flag(position, weights, nearness, known, reference, reference_known, nearest, limits, flags):
-    """Write the rejection bits of every pixel; limits are T_w², T_D and the z-buffer's margin."""
+def _flag(
+    position, weights, nearness, known, reference, reference_known, nearest, jumps, beside, limits,
+    row_lo, column_lo, flags,
+):  # fmt: skip
+    """Write the rejection bits of a box of pixels.
+
+    ``position``, ``weights`` (mean squares), ``jumps`` and ``beside`` (next to a jump, and
+    within reach of one) and ``flags`` are those of the box that begins at (row_lo, column_lo);
+    limits are T_w², T_D, the z-buffer's margin and the stricter T_w² beside jumps.
+    """
     height, width = reference.shape
     for row in range(flags.shape[0]):
         for column in range(flags.shape[1]):
             x, y = position[row, column, 0], position[row, column, 1]
+            square = weights[row, column]
             bits = 0
+            if jumps[row, column] or (beside[row, column] and square > limits[3]):
+                bits = 32
             if not (np.isfinite(x) and np.isfinite(y)):
-                flags[row, column] = 1
+                flags[row, column] = bits | 1
                 continue
             if not (x > -0.5 and y > -0.5 and x < width - 0.5 and y < height - 0.5):
-                flags[row, column] = 2
+                flags[row, column] = bits | 2
                 continue
             i, j = int(np.floor(y + 0.5)), int(np.floor(x + 0.5))
-            if weights[row, column] > limits[0]:
+            if square > limits[0]:
                 bits |= 4  # Eq. (4), first case
-            d = nearness[row, column]
-            if known[row, column] and reference_known[i, j]:
-                away = abs(reference[i, j] - d)
+            d = nearness[row_lo + row, column_lo + column]
+            says = known[row_lo + row, column_lo + column] and reference_known[i, j]
+            if says and abs(reference[i, j] - d) > limits[1]:
                 # a pixel beside an edge may belong to the surface next door
-                for di in range(-1, 2):
-                    for dj in range(-1, 2):
-                        k, m = i + di, j + dj
-                        if 0 <= k < height and 0 <= m < width and reference_known[k, m]:
+                away = np.inf
+                for k in range(max(i - 1, 0), min(i + 2, height)):
+                    for m in range(max(j - 1, 0), min(j + 2, width)):
+                        if reference_known[k, m]:
                             away = min(away, abs(reference[k, m] - d))
                 if away > limits[1]:
                     bits |= 8  # Eq. (4), second case
             if nearest[i, j] > d + limits[2]:
                 bits |= 64
             flags[row, column] = bits
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _jumps(position, first_row, first_column, limit, jumps):
+    """Mark both pixels of adjacent ones whose displacements differ by more than the limit.
+
+    A pixel without a motion makes a jump to one that has.
+    """
+    height, width = jumps.shape
+    for row in range(height):
+        for column in range(width):
+            x = position[row, column, 0] - (first_column + column)
+            y = position[row, column, 1] - (first_row + row)
+            here = np.isfinite(x) and np.isfinite(y)
+            for side in range(2):
+                k = row + side
+                m = column + 1 - side
+                if k >= height or m >= width:
+                    continue
+                u = position[k, m, 0] - (first_column + m)
+                v = position[k, m, 1] - (first_row + k)
+                there = np.isfinite(u) and np.isfinite(v)
+                if here != there or (here and (abs(u - x) > limit or abs(v - y) > limit)):
+                    jumps[row, column] = 1
+                    jumps[k, m] = 1
 
 
 def verify(
@@ -104,6 +140,8 @@ def verify(
     *,
     weight_threshold: float,
     depth_threshold: float,
+    nearest: npt.NDArray[np.float32] | None = None,
+    box: tuple[slice, slice] | None = None,
 ) -> npt.NDArray[np.uint8]:
     """Return the :class:`Rejection` bits of every pixel — Eq. (4), and occlusion.
 
@@ -126,45 +164,67 @@ def verify(
         T_w, grey levels.
     depth_threshold : float
         T_D, units of nearness; ∞ leaves depth out.
+    nearest : (H', W') float32, optional
+        What :func:`nearest_landing` gives, where it is known.
+    box : (rows, columns), optional
+        Of the source, whose bits are wanted; default: all.
     """
-    reference_shape = reference_nearness.shape
-    nearest = np.full(reference_shape, -np.inf, np.float32)
-    _nearest_landing(position, nearness, nearest)
+    if nearest is None:
+        nearest = nearest_landing(position, nearness, reference_nearness.shape)
+    rows, columns = box or (slice(0, weights.shape[0]), slice(0, weights.shape[1]))
+    position, weights = position[rows, columns], weights[rows, columns]
     square = np.where(np.isfinite(weights), weights * weights, np.float32(1e6))
     mean_square = cv2.blur(square, (3, 3), borderType=cv2.BORDER_REFLECT)
+    jumps = jumps_of_motion(position, (rows.start, columns.start))
+    limits = np.array(
+        [
+            weight_threshold**2, depth_threshold, depth_threshold,
+            (EDGE_STRICTNESS * weight_threshold) ** 2,
+        ],
+        np.float32,
+    )  # fmt: skip
     flags = np.empty(weights.shape, np.uint8)
-    beside = beside_jump(position, EDGE_REACH)
-    beside &= mean_square > (EDGE_STRICTNESS * weight_threshold) ** 2
-    limits = np.array([weight_threshold**2, depth_threshold, depth_threshold], np.float32)
     _flag(
         position, mean_square, nearness, known, reference_nearness, reference_known, nearest,
-        limits, flags,
+        jumps, _within(jumps, EDGE_REACH), limits, rows.start, columns.start, flags,
     )  # fmt: skip
-    flags[beside | beside_jump(position, 1)] |= np.uint8(Rejection.EDGE)
     return flags
 
 
-def beside_jump(position: Positions, reach: int) -> npt.NDArray[np.bool_]:
-    """Return which pixels lie within ``reach`` of a jump of the motion, (H, W) bool.
+def nearest_landing(
+    position: Positions, nearness: npt.NDArray[np.float32], shape: tuple[int, ...]
+) -> npt.NDArray[np.float32]:
+    """Return the largest nearness that lands on each reference pixel, −∞ where nothing does."""
+    nearest = np.full(shape, -np.inf, np.float32)
+    _nearest_landing(position, nearness, nearest)
+    return nearest
+
+
+def jumps_of_motion(position: Positions, first: tuple[int, int] = (0, 0)) -> npt.NDArray[np.uint8]:
+    """Return which pixels lie at a jump of the motion, (H, W), 1 where they do.
 
     A jump is a difference of more than ``EDGE_JUMP`` between the displacements of two
     adjacent pixels, so that a slanted surface has none; a pixel without a motion makes one.
+
+    Parameters
+    ----------
+    first : (row, column)
+        Of the first pixel.
     """
-    height, width = position.shape[:2]
-    x = np.arange(width, dtype=np.float32)[None, :]
-    y = np.arange(height, dtype=np.float32)[:, None]
-    jumps = np.zeros((height, width), np.uint8)
-    for displacement in (position[..., 0] - x, position[..., 1] - y):
-        known = np.nan_to_num(displacement, nan=1e4)
-        sideways = np.abs(np.diff(known, axis=1)) > EDGE_JUMP
-        downwards = np.abs(np.diff(known, axis=0)) > EDGE_JUMP
-        jumps[:, 1:] |= sideways
-        jumps[:, :-1] |= sideways
-        jumps[1:] |= downwards
-        jumps[:-1] |= downwards
-    # both pixels of a jump are within reach one of it
+    jumps = np.zeros(position.shape[:2], np.uint8)
+    _jumps(position, *first, EDGE_JUMP, jumps)
+    return jumps
+
+
+def _within(jumps: npt.NDArray[np.uint8], reach: int) -> npt.NDArray[np.uint8]:
+    """Return which pixels lie within reach of a jump; both pixels of it are within reach one."""
     side = 2 * (reach - 1) + 1
-    return cv2.dilate(jumps, np.ones((side, side), np.uint8)).astype(bool)
+    return cv2.dilate(jumps, np.ones((side, side), np.uint8))
+
+
+def beside_jump(position: Positions, reach: int) -> npt.NDArray[np.bool_]:
+    """Return which pixels lie within ``reach`` of a jump of the motion, (H, W) bool."""
+    return _within(jumps_of_motion(position), reach).astype(bool)
 
 
 def count_rejections(flags: npt.NDArray[np.uint8]) -> dict[str, int]:

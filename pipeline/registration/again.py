@@ -1,0 +1,284 @@
+"""Registering a view again: only what has changed since the previous frame.
+
+A fixed rig moves nothing but what moves in front of it. Cells whose pixels, here and where they
+land, show what they showed before keep their motion, and their pixels landing point, weight and
+verdict. The others are cut and fitted anew, started from the parallax motion of the rig. A few
+cells that seem to stand still are probed in every frame: where one has moved it is fitted anew,
+where most have the rig itself has, and all is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.frames import Mask
+from pipeline.registration import motions, window_kernels
+from pipeline.registration.motions import FITTED, FittedMotions
+from pipeline.registration.patches import Windows
+from pipeline.registration.prepare import PreparedView
+from pipeline.registration.records import ViewRegistration
+from pipeline.registration.verdict import Box, boxes_of
+from pipeline.registration.verification import EDGE_REACH
+from pipeline.registration.window_fits import (
+    ACROSS,
+    BESIDE,
+    FARTHEST,
+    NUM_SUMS,
+    Chosen,
+    around,
+    fit_windows,
+    no_samples,
+    windows_of,
+)
+from pipeline.registration.windows import (
+    HALF,
+    LAST_PASSES,
+    MIDDLE_PASSES,
+    MIN_SUPPORT,
+    SPACING,
+    WindowFit,
+)
+
+CHANGE_BOX = 5
+"""Side of the box over which the difference of two frames is judged, LR pixels."""
+
+DEPTH_BOX = 25
+"""The same for depth maps."""
+
+CHANGE = 1.5
+"""Difference of the smoothed pictures beside the noise that counts as a change, grey levels."""
+
+PROBES = 24
+"""Cells that seem to stand still and are probed in a frame."""
+
+DRIFTED = 0.25
+"""Displacement from which a probed cell is fitted anew, LR pixels."""
+
+RIG_DRIFTED = 0.1
+"""Median displacement of the probes beyond which all is registered anew, LR pixels."""
+
+MOSTLY = 0.7
+"""Share of changed cells from which all is registered anew."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Again:
+    """The windows of a view, some of them fitted anew."""
+
+    fit: WindowFit
+    fitted: Chosen
+    """(P,): patches fitted anew."""
+    kept: npt.NDArray[np.int32]
+    """(P',): number of each patch of the previous frame in this one, −1 where it is gone."""
+    renewed: Mask
+    """(H, W): pixels that may land elsewhere now."""
+    boxes: tuple[Box, ...]
+    """That hold them."""
+
+
+def changed_pixels(now: PreparedView, before: PreparedView, noise: float) -> Mask:
+    """Return which pixels have changed between two frames of a view, in picture or in depth."""
+    fine, old = now.levels[0], before.levels[0]
+    if fine.image.shape != old.image.shape:
+        return np.ones(fine.image.shape, bool)
+    box = (CHANGE_BOX, CHANGE_BOX)
+    difference = fine.image - old.image
+    local = cv2.blur(difference * difference, box, borderType=cv2.BORDER_REFLECT)
+    # the smoothing before registration lets about a sixth of the noise's power through
+    changed = local > 2 * 2.5 * noise**2 / 6 + CHANGE**2
+    # depth maps are ragged at edges; only where a surface has another depth has it changed
+    wide = (DEPTH_BOX, DEPTH_BOX)
+    depth = cv2.absdiff(fine.nearness, old.nearness)
+    changed |= cv2.blur(depth, wide, borderType=cv2.BORDER_REFLECT) > 0.05 * now.depth_range
+    return changed
+
+
+def register_again(
+    source: PreparedView,
+    reference: PreparedView,
+    before: ViewRegistration,
+    changed: tuple[Mask, Mask],
+    cut: Windows,
+    noise: float,
+    turn: int,
+) -> Again | None:
+    """Return the windows of the previous frame, fitted anew where something has changed.
+
+    None where most has changed, or the rig has moved.
+
+    Parameters
+    ----------
+    changed : (in source, in reference)
+        Pixels that are not what they were.
+    cut : Windows
+        The source, cut anew.
+    turn : int
+        Frames since the chain began: says which cells are probed now.
+    """
+    old, parallax, prior = before.motions, before.parallax, before.prior
+    if old is None or parallax is None or prior is None or not isinstance(old.patches, Windows):
+        return None
+    patches = old.patches
+    shift = np.column_stack([old.motion[:, [0, 6]]] * 2).round().astype(np.int32)
+    dirty = any_inside(changed[0], patches.cells)
+    dirty |= any_inside(changed[1], patches.cells + shift)
+    dirty = around(patches, dirty, 0)
+    probes = _probes(old, dirty, turn)
+    moved = _probe(source, reference, old, probes, before, noise)
+    if _rig_moved(moved):
+        return None
+    dirty[probes[np.linalg.norm(moved, axis=1) > DRIFTED]] = True
+    dirty = around(patches, dirty, 0)
+    if dirty.mean() > MOSTLY:
+        return None
+    merged, kept, fitted = _merged(old, cut, dirty)
+    start = motions.from_parallax(merged.patches, parallax)
+    start[:, motions.OFFSET] = prior.offset_mean
+    start[~fitted] = merged.motion[~fitted]
+    fit, samples = fit_windows(
+        source, reference, windows_of(merged), start, MIDDLE_PASSES + LAST_PASSES, prior,
+        motions.parallax_directions(merged.patches, parallax), noise=noise,
+        min_support=MIN_SUPPORT, before=(merged, fitted),
+    )  # fmt: skip
+    return Again(
+        fit=WindowFit(fitted=fit, parallax=parallax, prior=prior, samples=samples),
+        fitted=fitted,
+        kept=kept,
+        **_renewed(windows_of(merged), fitted, before.offset.shape),
+    )
+
+
+def _probes(old: FittedMotions, dirty: Chosen, turn: int) -> npt.NDArray[np.intp]:
+    """Return the patches to probe in this frame, others in each."""
+    still = np.flatnonzero(~dirty & (old.status == FITTED) & (old.reliable > 0.5))
+    step = max(1, len(still) // PROBES)
+    return still[turn % step :: step]
+
+
+def _probe(
+    source: PreparedView, reference: PreparedView, old: FittedMotions,
+    probes: npt.NDArray[np.intp], before: ViewRegistration, noise: float,
+) -> npt.NDArray[np.float64]:  # fmt: skip
+    """Return how far one more step of the fit moves each probe, (M, 2), LR pixels."""
+    patches, prior = old.patches, before.prior
+    if not isinstance(patches, Windows) or prior is None or len(probes) == 0:
+        return np.zeros((len(probes), 2))
+    count = len(patches.windows)
+    due = np.zeros(count, bool)
+    due[probes] = True
+    at, onto = source.levels[0], reference.levels[0]
+    sums = np.zeros((count, NUM_SUMS))
+    first = np.searchsorted(patches.cell, np.arange(patches.grid[0] * patches.grid[1] + 1))
+    moved, reliable = np.zeros(count, np.float32), np.zeros(count, np.float32)
+    status, stepped = np.zeros(count, np.int32), np.empty_like(old.motion)
+    window_kernels.sum_cells(
+        at.image, at.gradient_x, at.gradient_y, onto.coefficients, 1, 1, patches.owners,
+        patches.cells, patches.windows, old.motion, around(patches, due), max(0.6 * noise, 0.3),
+        np.ones(count, np.float32), sums, *no_samples((0, 0)).planes,
+    )  # fmt: skip
+    window_kernels.step_windows(
+        sums, first.astype(np.int32), *patches.grid, patches.windows, old.motion, old.motion,
+        np.tile(np.eye(2), (count, 1, 1)), 50.0, prior.offset_mean, prior.offset_sigma**-2,
+        MIN_SUPPORT, BESIDE, ACROSS, FARTHEST, due, moved, status, reliable, stepped,
+    )  # fmt: skip
+    away = stepped[probes][:, [0, 6]] - old.motion[probes][:, [0, 6]]
+    away[status[probes] != FITTED] = 0
+    return away
+
+
+def _rig_moved(moved: npt.NDArray[np.float64]) -> bool:
+    """Return whether the probes moved for the most part, together or each its way."""
+    if len(moved) < PROBES // 4:
+        return False
+    together = float(np.linalg.norm(np.median(moved, axis=0)))
+    return together > RIG_DRIFTED or float(np.median(np.linalg.norm(moved, axis=1))) > DRIFTED
+
+
+def _merged(
+    old: FittedMotions, cut: Windows, dirty: Chosen
+) -> tuple[FittedMotions, npt.NDArray[np.int32], Chosen]:
+    """Return the old patches with those of dirty cells replaced by the new cut's.
+
+    Also where each old patch has gone, −1 where it is replaced, and which are new.
+    """
+    patches = windows_of(old)
+    stale = np.zeros(patches.grid, bool)
+    stale.flat[patches.cell[dirty]] = True
+    fresh = stale.ravel()[cut.cell]
+    clean = ~dirty
+    cell = np.concatenate([patches.cell[clean], cut.cell[fresh]])
+    order = np.argsort(cell, kind="stable")
+    place = np.empty(len(order), np.int32)
+    place[order] = np.arange(len(order), dtype=np.int32)
+    split = int(clean.sum())
+    kept = np.full(len(clean), -1, np.int32)
+    kept[clean] = place[:split]
+    new = np.full(len(fresh), -1, np.int32)
+    new[fresh] = place[split:]
+
+    def both(first: npt.NDArray, second: npt.NDArray) -> npt.NDArray:
+        return np.concatenate([first[clean], second[fresh]])[order]
+
+    height, width = patches.owners.shape
+    spread = np.repeat(np.repeat(stale, SPACING, axis=0), SPACING, axis=1)[:height, :width]
+    count = len(cut.windows)
+    merged = Windows(
+        windows=both(patches.windows, cut.windows),
+        ranges=both(patches.ranges, cut.ranges),
+        planes=both(patches.planes, cut.planes),
+        support=both(patches.support, cut.support),
+        owners=np.where(spread, new[cut.owners], kept[patches.owners]),
+        cells=both(patches.cells, cut.cells),
+        cell=cell[order],
+        grid=patches.grid,
+    )
+    return (
+        FittedMotions(
+            patches=merged,
+            motion=both(old.motion, np.zeros((count, motions.MOTION_SIZE))),
+            status=both(old.status, np.full(count, motions.TOO_FEW, np.int32)),
+            scale=both(old.scale, np.full(count, np.inf, np.float32)),
+            reliable=both(old.reliable, np.zeros(count, np.float32)),
+        ),
+        kept,
+        (np.arange(len(order)) >= split)[order],
+    )
+
+
+def _renewed(patches: Windows, fitted: Chosen, shape: tuple[int, ...]) -> dict:
+    """Return the pixels that the windows fitted anew can reach, and boxes that hold them."""
+    side = HALF - SPACING // 2
+    fresh = np.zeros(patches.grid, np.uint8)
+    fresh.flat[patches.cell[fitted]] = 1
+    spread = np.repeat(np.repeat(fresh, SPACING, axis=0), SPACING, axis=1)[: shape[0], : shape[1]]
+    renewed = cv2.dilate(spread, np.ones((2 * side + 1, 2 * side + 1), np.uint8))
+    cells = np.zeros(patches.grid, bool)
+    cells.flat[patches.cell[around(patches, fitted)]] = True
+    return {"renewed": renewed.astype(bool), "boxes": tuple(boxes_of(cells, SPACING, shape))}
+
+
+def judged_again(renewed: Mask) -> Mask:
+    """Return the pixels whose verdict may have changed: those near landing points that have."""
+    side = 2 * EDGE_REACH + 1
+    return cv2.dilate(renewed.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
+
+
+def any_inside(
+    mask: npt.NDArray[np.bool_], windows: npt.NDArray[np.int32]
+) -> npt.NDArray[np.bool_]:
+    """Return, for each window (x0, y0, x1, y1), whether the mask holds anywhere in it."""
+    height, width = mask.shape
+    counts = cv2.integral(mask.astype(np.uint8))
+    x0, x1 = (np.clip(windows[:, side], 0, width) for side in (0, 2))
+    y0, y1 = (np.clip(windows[:, side], 0, height) for side in (1, 3))
+    return counts[y1, x1] - counts[y0, x1] - counts[y1, x0] + counts[y0, x0] > 0
+
+
+def with_pixels_of(before: ViewRegistration, source: PreparedView) -> ViewRegistration:
+    """Return a registration of the previous frame with the pixels of this one."""
+    registered = replace(before.registered, observed=source.view.luma - before.offset)
+    return replace(before, registered=registered, renewed=np.zeros(before.offset.shape, bool))

@@ -1,0 +1,53 @@
+"""What registration gives, and what it keeps from frame to frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.frames import GreyImage, Mask, RegisteredView
+from pipeline.registration.motions import FitPrior, FittedMotions
+from pipeline.registration.parallax import ParallaxMotion
+from pipeline.registration.prepare import PreparedView
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thresholds:
+    """The limits of Eq. 4."""
+
+    weight: float
+    """T_w, grey levels."""
+    depth: float
+    """T_D, fraction of the scene's depth range."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ViewRegistration:
+    """One view registered onto one reference, with what later stages and pictures may ask."""
+
+    registered: RegisteredView
+    motions: FittedMotions | None
+    """None for the reference view itself."""
+    parallax: ParallaxMotion | None
+    prior: FitPrior | None = None
+    """How firmly the last fit was held; None where there was none."""
+    patch_labels: npt.NDArray[np.int32]
+    """(H, W): number of the patch whose motion each pixel took, −1 where none."""
+    offset: GreyImage
+    """(H, W): intensity term ζ, grey levels."""
+    renewed: Mask | None = None
+    """(H, W): pixels whose landing point or verdict is not simply that of the previous frame;
+    None where all have been registered anew."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Previous:
+    """What the previous frame leaves to the registration of the next."""
+
+    prepared: Mapping[str, PreparedView]
+    registrations: Mapping[str, Sequence[ViewRegistration]]
+    turn: int
+    """Frames since the chain began: says which windows are checked for drift now."""

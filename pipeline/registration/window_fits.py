@@ -1,0 +1,182 @@
+"""The motions of windows: each pixel sampled once, windows put together from their cells.
+
+What a fit needs of the pixels that a patch owns is 35 sums. The window of a patch is its own
+cell and, less weighted, the cells next to it whose patches move alike, so that every pixel is
+sampled once an iteration however much the windows overlap; patches that have come to rest are
+not sampled again. See :mod:`window_kernels`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.registration import window_kernels
+from pipeline.registration.motions import TOLERANCE, FitPrior, FittedMotions, Motions, Pass
+from pipeline.registration.patches import Windows
+from pipeline.registration.prepare import PreparedView
+
+BESIDE, ACROSS = 0.46, 0.21
+"""Weights of the cells at the four sides and at the four corners: the shares of them that a
+window of 24 pixels covers."""
+
+FARTHEST = 0.2
+"""Difference of two patches' motions from which they are of different surfaces, LR pixels."""
+
+NUM_SUMS = 35
+
+Chosen = npt.NDArray[np.bool_]
+"""(P,): some of the patches."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Samples:
+    """The reference where the owners' motions send each pixel; zero where nothing was sampled."""
+
+    residual: npt.NDArray[np.float32]
+    """(H, W): reference − source + ζ, grey levels; a million outside the reference."""
+    gradient_x: npt.NDArray[np.float32]
+    """(H, W), grey levels an LR pixel."""
+    gradient_y: npt.NDArray[np.float32]
+    move_u: npt.NDArray[np.float32]
+    """(H, W): displacement by the owner, LR pixels."""
+    move_v: npt.NDArray[np.float32]
+
+    @property
+    def planes(self) -> tuple[npt.NDArray[np.float32], ...]:
+        """All of them, in the order in which the kernels take them."""
+        return self.residual, self.gradient_x, self.gradient_y, self.move_u, self.move_v
+
+
+def no_samples(shape: tuple[int, ...]) -> Samples:
+    """Return samples yet to be taken."""
+    residual, gradient_x, gradient_y, move_u, move_v = (
+        np.zeros(shape, np.float32) for _ in range(5)
+    )
+    return Samples(
+        residual=residual, gradient_x=gradient_x, gradient_y=gradient_y, move_u=move_u,
+        move_v=move_v,
+    )  # fmt: skip
+
+
+def windows_of(fitted: FittedMotions) -> Windows:
+    """Return the patches of motions that are those of windows; TypeError where they are not."""
+    if not isinstance(fitted.patches, Windows):
+        raise TypeError("these motions are of strips, not of windows")
+    return fitted.patches
+
+
+def around(patches: Windows, chosen: Chosen, rings: int = 1) -> Chosen:
+    """Return the patches of the cells of those chosen, and of so many rings of cells around."""
+    cells = np.zeros(patches.grid, np.uint8)
+    cells.flat[patches.cell[chosen]] = 1
+    if rings:
+        cells = cv2.dilate(cells, np.ones((2 * rings + 1, 2 * rings + 1), np.uint8))
+    return cells.ravel()[patches.cell] > 0
+
+
+def fit_windows(
+    source: PreparedView,
+    reference: PreparedView,
+    patches: Windows,
+    start: Motions,
+    passes: Sequence[Pass],
+    prior: FitPrior,
+    directions: npt.NDArray[np.float64],
+    *,
+    noise: float,
+    min_support: int,
+    before: tuple[FittedMotions, Chosen] | None = None,
+) -> tuple[FittedMotions, Samples]:
+    """Return the affine motions of windows, refined from their start by robust Gauss–Newton.
+
+    Parameters
+    ----------
+    start : (P, 13) float64
+        Not modified.
+    passes : sequence of Pass
+        Coarse to fine; levels that the pyramid lacks are left out.
+    directions : (P, 2) float64
+        Unit vectors along which ``prior.along`` holds.
+    noise : float
+        Grey levels; the robust scale is kept above a share of it.
+    min_support : int
+        Fewest LR pixels of a patch.
+    before : (motions, patches to fit), optional
+        Where only some patches are fitted: what is known of all.
+
+    Returns
+    -------
+    motions : FittedMotions
+    samples : Samples
+        At these motions, where the last pass took every pixel; of the patches fitted and of
+        two rings of cells around them.
+    """
+    count = len(patches.windows)
+    motion, stepped = start.copy(), start.copy()
+    outer = directions[:, :, None] * directions[:, None, :]
+    precision = outer / prior.along**2 + (np.eye(2) - outer) / prior.across**2
+    status = np.full(count, 2, np.int32)
+    scale = np.full(count, np.inf, np.float32)
+    reliable = np.zeros(count, np.float32)
+    chosen = np.ones(count, bool)
+    needed = sampled = chosen
+    if before is not None:
+        known, chosen = before
+        status, scale, reliable = known.status.copy(), known.scale.copy(), known.reliable.copy()
+        needed, sampled = around(patches, chosen), around(patches, chosen, 2)
+    moved = np.zeros(count, np.float32)
+    sums = np.zeros((count, NUM_SUMS))
+    first = np.searchsorted(patches.cell, np.arange(patches.grid[0] * patches.grid[1] + 1))
+    first = first.astype(np.int32)
+    samples = no_samples((0, 0))
+    for run in passes:
+        if run.level >= min(len(source.levels), len(reference.levels)):
+            continue
+        at, onto = source.levels[run.level], reference.levels[run.level]
+        finer = 2**run.level
+        pitch = run.stride * finer
+        samples = no_samples(at.image.shape if pitch == 1 else (0, 0))
+        due = sampled if pitch == 1 else needed
+        for _ in range(run.iterations):
+            window_kernels.sum_cells(
+                at.image, at.gradient_x, at.gradient_y, onto.coefficients, run.stride, finer,
+                patches.owners, patches.cells, patches.windows, motion, due,
+                max(noise * (0.6 if run.level == 0 else 0.4), 0.3), scale, sums, *samples.planes,
+            )  # fmt: skip
+            window_kernels.step_windows(
+                sums, first, *patches.grid, patches.windows, motion, start, precision,
+                prior.linear, prior.offset_mean, prior.offset_sigma**-2,
+                max(int(0.5 * min_support / pitch**2), 1), BESIDE, ACROSS, FARTHEST * finer,
+                chosen, moved, status, reliable, stepped,
+            )  # fmt: skip
+            motion, stepped = stepped, motion
+            due = moved > TOLERANCE * finer
+            if not due.any():
+                break
+    if samples.residual.size:
+        window_kernels.move_samples(patches.cells, sampled, patches.owners, patches.windows,
+            motion, *samples.planes)  # fmt: skip
+    fitted = FittedMotions(
+        patches=patches, motion=motion, status=status, scale=scale, reliable=reliable
+    )
+    return fitted, samples
+
+
+def take_samples(
+    source: PreparedView, reference: PreparedView, patches: Windows, motion: Motions
+) -> Samples:
+    """Return the samples of every pixel at given motions."""
+    at, onto = source.levels[0], reference.levels[0]
+    count = len(patches.windows)
+    samples = no_samples(at.image.shape)
+    window_kernels.sum_cells(
+        at.image, at.gradient_x, at.gradient_y, onto.coefficients, 1, 1, patches.owners,
+        patches.cells, patches.windows, motion, np.ones(count, bool), 1.0,
+        np.ones(count, np.float32), np.zeros((count, NUM_SUMS)), *samples.planes,
+    )  # fmt: skip
+    return samples

@@ -1,0 +1,123 @@
+"""Registering again: what stands still is kept, what has moved is found, drift is repaired."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.registration.method import METHODS
+from pipeline.registration.register import (
+    Previous,
+    Thresholds,
+    ViewRegistration,
+    prepare_views,
+    register_views,
+)
+from pipeline.synthetic import SampleScene
+
+THRESHOLDS = Thresholds(weight=6.0, depth=0.1)
+METHOD = METHODS["default"]
+
+
+@pytest.fixture(scope="module")
+def frame():
+    return SampleScene(width=192, height=144, num_views=3).frame(0, noise_sigma=1.0)
+
+
+@pytest.fixture(scope="module")
+def cold(frame):
+    return _previous(frame, None)
+
+
+def _previous(frame, previous: Previous | None, turn: int = 1) -> Previous:
+    prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
+    names = [view.view_id for view in frame.views]
+    found = register_views(
+        prepared, (frame.left,), names, METHOD, noise=1.0, thresholds=THRESHOLDS, previous=previous
+    )
+    return Previous(prepared=prepared, registrations=found, turn=turn)
+
+
+def _other(previous: Previous, frame) -> ViewRegistration:
+    """The registration of the last view, which is not the reference."""
+    return previous.registrations[frame.left][-1]
+
+
+def _moved(previous: Previous, shift: np.ndarray) -> Previous:
+    """The same with the motions it remembers shifted by so many pixels each, (P,) along x."""
+
+    def wrong(one: ViewRegistration) -> ViewRegistration:
+        if one.motions is None:
+            return one
+        motion = one.motions.motion.copy()
+        motion[:, 0] += shift[: len(motion)]
+        return replace(one, motions=replace(one.motions, motion=motion))
+
+    found = {
+        target: [wrong(one) for one in registrations]
+        for target, registrations in previous.registrations.items()
+    }
+    return replace(previous, registrations=found)
+
+
+def test_where_nothing_changes_nothing_is_computed_again(frame, cold):
+    again = _other(_previous(frame, cold), frame)
+    before = _other(cold, frame)
+    assert again.registered.position is before.registered.position
+    assert again.registered.flags is before.registered.flags
+    assert again.renewed is not None
+    assert not again.renewed.any()
+    np.testing.assert_allclose(again.registered.observed, before.registered.observed, atol=1e-4)
+
+
+def test_only_what_is_near_a_change_is_renewed_and_well(frame, cold):
+    views = list(frame.views)
+    luma = views[-1].luma.copy()
+    luma[60:80, 90:110] = 255 - luma[60:80, 90:110]
+    views[-1] = replace(views[-1], luma=luma)
+    again = _other(_previous(replace(frame, views=tuple(views)), cold), frame)
+    before = _other(cold, frame)
+    assert again.renewed is not None
+    assert again.renewed[60:80, 90:110].all()
+    assert again.renewed.mean() < 0.4
+    still = ~again.renewed
+    np.testing.assert_array_equal(
+        again.registered.position[still], before.registered.position[still]
+    )
+    # an inverted patch fits nothing
+    assert (again.registered.flags[65:75, 95:105] != 0).mean() > 0.9
+
+
+def test_a_rig_that_has_drifted_is_registered_anew(frame, cold):
+    before = _other(cold, frame)
+    assert before.motions is not None
+    drifted = _moved(cold, np.full(len(before.motions.motion) * 4, 0.4))
+    again = _other(_previous(frame, drifted), frame)
+    assert again.renewed is None
+    away = np.linalg.norm(again.registered.position - before.registered.position, axis=-1)
+    assert np.nanmedian(away) < 0.03
+
+
+def test_a_cell_that_has_drifted_is_repaired_when_it_is_probed(frame, cold):
+    before = _other(cold, frame)
+    assert before.motions is not None
+    motions = before.motions
+    wanted = (motions.status == 1) & (motions.reliable > 0.9)
+    wanted &= motions.patches.support > 500
+    patch = int(np.flatnonzero(wanted)[len(np.flatnonzero(wanted)) // 2])
+    shift = np.zeros(len(motions.motion) * 4)
+    shift[patch] = 0.6
+    previous = _moved(cold, shift)
+    repaired = []
+    for turn in range(1, 24):
+        previous = _previous(frame, replace(previous, turn=turn), turn)
+        again = _other(previous, frame)
+        assert again.motions is not None
+        away = abs(again.motions.motion[patch, 0] - motions.motion[patch, 0])
+        if away < 0.1:
+            repaired.append(turn)
+            break
+        assert away == pytest.approx(0.6)
+    assert repaired
