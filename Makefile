@@ -3,6 +3,7 @@
 # make bench   the benchmark table
 # make soak    2,000 frames: memory flat, quality steady (docs/soak.md)
 # make quality the tables of quality; DEPTHSR_SCENES names the folder of the real scenes
+# make peers   packages of other projects that `depthsr evaluate all` compares with (.peers/)
 # make lint    format and lint alone
 # make types   static types
 # make lock    write the lock files anew (needs pip-tools)
@@ -10,7 +11,7 @@
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: demo test bench soak quality lint types lock system clean
+.PHONY: demo test bench soak quality peers lint types lock system clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -36,6 +37,13 @@ soak: $(RUN)
 
 quality: $(RUN)
 	$(BIN)/python -m benchmarks.quality
+
+# Beside the environment, without their dependencies: those hold another OpenCV.
+EXTRA := import tomllib; \
+	print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["peers"])
+
+peers: $(RUN)
+	$(PIP) install --no-deps --upgrade --target .peers $$($(BIN)/python -c '$(EXTRA)')
 
 lint: $(DEV)
 	$(BIN)/ruff check .
@@ -80,5 +88,5 @@ lock:
 	done
 
 clean:
-	rm -rf $(VENV) demo build *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf $(VENV) .peers demo build *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

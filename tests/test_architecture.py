@@ -78,16 +78,26 @@ def test_arrows_point_one_way(room, forbidden):
     assert _offenders(room, *forbidden) == []
 
 
-def test_av_is_behind_five_doors():
-    """Reading, files, live encoding, live files, and clips without any loss."""
+def test_av_is_behind_six_doors():
+    """Reading, files, live encoding, live files, clips without any loss, and plain scaling."""
     users = {
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
         for path in _files(package)
         if any(name.split(".")[0] == "av" for name in _imports(path))
     }
-    doors = ("decode", "encode", "live_encode", "live_file", "lossless")
+    doors = ("decode", "encode", "live_encode", "live_file", "lossless", "swscale")
     assert users == {f"pipeline/media/{door}.py" for door in doors}
+
+
+def test_ncnn_is_behind_one_door():
+    users = {
+        path.relative_to(ROOT).as_posix()
+        for package in PACKAGES
+        for path in _files(package)
+        if any(name.split(".")[0] == "ncnn" for name in _imports(path))
+    }
+    assert users == {"pipeline/evaluation/networks.py"}
 
 
 def test_zenoh_is_behind_one_door():

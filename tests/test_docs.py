@@ -273,7 +273,8 @@ def test_modules_and_files_named_exist(page):
 def test_environment_variables_named_are_read(page):
     variable = re.compile(r"\bDEPTHSR_[A-Z_]+\b")
     named = set(variable.findall(page.read_text(encoding="utf-8")))
-    places = [*ROOT.glob("service/*.py"), ROOT / "tests" / "conftest.py"]
+    places = [*ROOT.glob("service/*.py"), *ROOT.glob("pipeline/evaluation/*.py")]
+    places.append(ROOT / "tests" / "conftest.py")
     read = {name for path in places for name in variable.findall(path.read_text(encoding="utf-8"))}
     assert named <= read
 

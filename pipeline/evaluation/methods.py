@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +17,8 @@ from pipeline.evaluate import run_method
 from pipeline.frames import MultiViewFrame
 from pipeline.metrics import ms_ssim, psnr, ssim
 from pipeline.results import FrameReport
+
+Result = TypeVar("Result")
 
 REFERENCES = Path("/proc/self/clear_refs")
 STATUS = Path("/proc/self/status")
@@ -48,20 +52,43 @@ class Fidelity:
     ms_ssim: float
 
 
-def timed_run(method: str, degraded: DegradedFrame, settings: Settings, view_id: str) -> MethodRun:
-    """Run a method of :data:`pipeline.evaluate.METHODS` or a baseline, and account for it."""
+@dataclass(frozen=True, kw_only=True)
+class Accounted(Generic[Result]):
+    """What a call gave, and what it cost."""
+
+    result: Result
+    seconds: float
+    """Wall clock."""
+    cpu_seconds: float
+    """Of all threads."""
+    memory_mib: float
+    """Largest resident memory above that before the call; NaN where the system does not tell."""
+
+
+def accounted(call: Callable[[], Result]) -> Accounted[Result]:
+    """Call, and account for it."""
     before = _resident_mib(reset=True)
     begin, cpu = time.perf_counter(), time.process_time()
-    image, report = run_method(method, degraded, settings, view_id)
+    result = call()
     seconds, cpu = time.perf_counter() - begin, time.process_time() - cpu
+    return Accounted(
+        result=result, seconds=seconds, cpu_seconds=cpu,
+        memory_mib=_resident_mib(reset=False) - before,
+    )  # fmt: skip
+
+
+def timed_run(method: str, degraded: DegradedFrame, settings: Settings, view_id: str) -> MethodRun:
+    """Run a method of :data:`pipeline.evaluate.METHODS` or a baseline, and account for it."""
+    made = accounted(lambda: run_method(method, degraded, settings, view_id))
+    image, report = made.result
     return MethodRun(
         method=method,
         view_id=view_id,
         image=np.clip(np.rint(image), 0, 255).astype(np.uint8),
         report=report,
-        seconds=seconds,
-        cpu_seconds=cpu,
-        memory_mib=_resident_mib(reset=False) - before,
+        seconds=made.seconds,
+        cpu_seconds=made.cpu_seconds,
+        memory_mib=made.memory_mib,
     )
 
 

@@ -22,6 +22,7 @@ from pipeline.evaluation import (
     ablations,
     fidelity,
     left_out,
+    peers,
     registrations,
     sensitivity,
     spectra,
@@ -68,8 +69,9 @@ def evaluate_all(
         "psf": lambda: _psf(subjects, plan, note),
         "left-out": lambda: _left_out(subjects, note),
         "ablations": lambda: _ablations(subjects, plan, note),
+        "peers": lambda: _peers(subjects, plan, note),
     }
-    return [makers[key]() for key in CHAPTERS if key in plan.chapters and key in makers]
+    return [makers[key]() for key in CHAPTERS if key in plan.chapters]
 
 
 def _fidelity(
@@ -232,6 +234,16 @@ def _warm(
                 return []
             frames = [degraded_input(source.read(number), degradation) for number in numbers]
     return ablations.measure_warm(subject.name, frames, settings, subject.eyes, note=note)
+
+
+def _peers(
+    subjects: Sequence[tuple[str, Subject]], plan: Plan, note: Callable[[str], None]
+) -> Chapter:
+    kinds = peers.input_kinds(plan.psf_sigmas, plan.noises)
+    rows = [
+        row for _, subject in subjects for row in peers.measure_peers(subject, kinds, note=note)
+    ]
+    return peers.chapter(rows)
 
 
 # --- writing ---------------------------------------------------------------------------------
