@@ -144,10 +144,14 @@ def test_networks_align_pixel_areas(peer):
     wanted = 120 + 50 * np.sin(rows / 5) + 40 * np.cos(columns / 7 + rows / 9)
     assert doubled.shape == wanted.shape
     inner = (slice(8, -8), slice(8, -8))
-    assert np.abs(doubled - wanted)[inner].mean() < 3
-    # nearer at its own phase than half a pixel off
-    moved = rivals.moved_half(doubled)
-    assert np.abs(doubled - wanted)[inner].mean() < np.abs(moved - wanted)[inner].mean()
+
+    def off(image):
+        difference = (image - wanted)[inner]
+        assert abs(difference.mean()) < 5  # one of them makes greys brighter
+        return np.abs(difference - difference.mean()).mean()
+
+    assert off(doubled) < 1.2
+    assert off(doubled) < off(rivals.moved_half(doubled))  # its own phase, not half a pixel off
 
 
 def test_home_frames_are_worked_on_at_their_own_phase(subject):
