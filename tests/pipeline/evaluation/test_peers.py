@@ -147,10 +147,10 @@ def test_networks_align_pixel_areas(peer):
 
     def off(image):
         difference = (image - wanted)[inner]
-        assert abs(difference.mean()) < 5  # one of them makes greys brighter
+        assert abs(difference.mean()) < 5  # the one for drawings makes greys brighter, and flattens
         return np.abs(difference - difference.mean()).mean()
 
-    assert off(doubled) < 1.2
+    assert off(doubled) < 2
     assert off(doubled) < off(rivals.moved_half(doubled))  # its own phase, not half a pixel off
 
 
