@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from service.console import EXIT_DONE, EXIT_FAILURE
+from service.terminal import say
 
 SERVER = "http://127.0.0.1:8000"
 
@@ -188,17 +188,12 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
-def _say(text: str) -> None:
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
-
-
 def _make(arguments: argparse.Namespace, out: Path) -> None:
     from service.stimuli import make_stimuli
 
     make_stimuli(
         dict(arguments.sources), out, kind=arguments.kind, frame=arguments.frame,
-        fps=arguments.fps, fetch=_fetcher(arguments), say=_say,
+        fps=arguments.fps, fetch=_fetcher(arguments), say=say,
     )  # fmt: skip
 
 
@@ -262,7 +257,7 @@ def _run_plan(arguments: argparse.Namespace) -> int:
         },
     )
     write_plan(arguments.output, plan)
-    _say(
+    say(
         f"{arguments.output}: {len(plan.contents)} contents, {plan.presentations} presentations, "
         f"{plan.session_s / 60:.1f} minutes a session"
     )
@@ -280,7 +275,7 @@ def _run_create(arguments: argparse.Namespace) -> int:
 
     plan = read_plan(arguments.plan)
     with operator_client(arguments.server, token_of(arguments)) as operator:
-        _say(operator.make_test(plan_to_dict(plan)))
+        say(operator.make_test(plan_to_dict(plan)))
     return EXIT_DONE
 
 
@@ -290,7 +285,7 @@ def _run_invite(arguments: argparse.Namespace) -> int:
     with operator_client(arguments.server, token_of(arguments)) as operator:
         for assessor in arguments.assessors:
             link = operator.invite(arguments.test, assessor, arguments.display, arguments.language)
-            _say(f"{assessor}  {arguments.server.rstrip('/')}{link}")
+            say(f"{assessor}  {arguments.server.rstrip('/')}{link}")
     return EXIT_DONE
 
 
@@ -306,7 +301,7 @@ def _run_verify(arguments: argparse.Namespace) -> int:
         raise VotesError(f"cannot be read: {error}", path=arguments.export) from None
     wrong = unproved_orders(document)
     for line in wrong:
-        _say(line)
+        say(line)
     if not wrong:
-        _say(f"{len(document['sessions'])} orders follow from plan, seed and assessor")
+        say(f"{len(document['sessions'])} orders follow from plan, seed and assessor")
     return EXIT_FAILURE if wrong else EXIT_DONE

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from service.console import EXIT_DONE, EXIT_FAILURE
+from service.terminal import say
 
 
 def add_serve(commands: Any) -> None:
@@ -99,7 +100,7 @@ def _run_serve(arguments: argparse.Namespace) -> int:
 
     config = _loaded(arguments).config
     configure(config.log_level)
-    serve(create_app(config), config, say=_say)
+    serve(create_app(config), config, say=say)
     return EXIT_DONE
 
 
@@ -152,11 +153,6 @@ def _run_submit(arguments: argparse.Namespace) -> int:
                 client.download(result, arguments.output)
                 sys.stdout.write(f"wrote {arguments.output}: {result.size} bytes\n")
     return EXIT_DONE
-
-
-def _say(text: str) -> None:
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
 
 
 def _line(kind: str, data: Any) -> str:

@@ -51,5 +51,6 @@ def watching(
 
 
 def say(text: str) -> None:
-    """Write a result to stdout."""
+    """Write a result to stdout at once, on a line of its own."""
     sys.stdout.write(text if text.endswith("\n") else text + "\n")
+    sys.stdout.flush()

@@ -61,7 +61,7 @@ class BlockMatch:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _match(now, before, reach, block, limit, motion, matched):
+def _match(now, before, reach, block, limit, motion, matched):  # type: ignore[no-untyped-def]
     """Fill each block's motion (x, y) and whether it holds; the shortest motion that does wins."""
     height, width = now.shape
     for row in range(matched.shape[0]):
