@@ -23,6 +23,7 @@ from pipeline.grid import Grid
 from pipeline.noise import estimate_noise_of_views
 from pipeline.reconstruction.coverage import phase_coverage
 from pipeline.reconstruction.fused import FusedResult, FusedTuning, fuse, initial_estimate
+from pipeline.reconstruction.median import median_magnitude
 from pipeline.reconstruction.pocs import pocs
 from pipeline.reconstruction.psf import GaussianPsf, psf_axes, sampling_taps
 from pipeline.reconstruction.system import simulate
@@ -627,8 +628,7 @@ def _view_report(
 ) -> ViewReport:
     has_motion = np.isfinite(view.position[..., 0])
     trusted = flags == 0
-    magnitudes = np.abs(view.registration_weights)[has_motion]
-    magnitudes = magnitudes[np.isfinite(magnitudes)]
+    magnitudes = np.where(has_motion, view.registration_weights, np.float32(np.nan))
     residual = (view.observed - simulated)[trusted]
     residual = residual[np.isfinite(residual)]
     return ViewReport(
@@ -637,7 +637,7 @@ def _view_report(
         verified_fraction=float(trusted.mean()),
         weight_fraction=float(weight.mean()),
         rejections=count_rejections(flags),
-        median_absolute_weight=float(np.median(magnitudes)) if magnitudes.size else float("nan"),
+        median_absolute_weight=median_magnitude(magnitudes),
         residual_rms=float(np.sqrt((residual**2).mean())) if residual.size else float("nan"),
     )
 

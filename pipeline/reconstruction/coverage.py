@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numba import njit
 
 from pipeline.frames import Mask, Positions
 from pipeline.grid import Grid
+from pipeline.reconstruction.rows import OPTIONS
 
 
 def phase_coverage(
@@ -30,10 +32,27 @@ def phase_coverage(
         Of the reference view.
     """
     height, width = grid.hr_shape((lr_shape[0], lr_shape[1]))
-    filled = np.zeros((height, width), bool)
+    filled = np.zeros((height, width), np.bool_)
     for position, mask in zip(positions, trusted, strict=True):
-        x, y = grid.to_hr(position[mask])
-        inside = (x > -0.5) & (y > -0.5) & (x < width - 0.5) & (y < height - 0.5)
-        # a point half-way between two pixels always goes to the right and down
-        filled[np.floor(y[inside] + 0.5).astype(int), np.floor(x[inside] + 0.5).astype(int)] = True
+        _fill(
+            np.ascontiguousarray(position, np.float32), np.ascontiguousarray(mask, np.bool_),
+            np.float32(grid.magnification_x), np.float32(grid.offset_x),
+            np.float32(grid.magnification_y), np.float32(grid.offset_y), filled,
+        )  # fmt: skip
     return float(filled.mean()) if filled.size else 0.0
+
+
+@njit(**OPTIONS)
+def _fill(position, trusted, magnification_x, offset_x, magnification_y, offset_y, filled):
+    """Mark the HR pixels on which trusted pixels land, in place."""
+    height, width = filled.shape
+    half = np.float32(0.5)
+    for row in range(trusted.shape[0]):
+        for column in range(trusted.shape[1]):
+            if not trusted[row, column]:
+                continue
+            x = position[row, column, 0] * magnification_x + offset_x
+            y = position[row, column, 1] * magnification_y + offset_y
+            if x > -half and y > -half and x < width - half and y < height - half:
+                # a point half-way between two pixels always goes to the right and down
+                filled[int(np.floor(y + half)), int(np.floor(x + half))] = True

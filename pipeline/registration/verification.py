@@ -229,8 +229,10 @@ def beside_jump(position: Positions, reach: int) -> npt.NDArray[np.bool_]:
 
 def count_rejections(flags: npt.NDArray[np.uint8]) -> dict[str, int]:
     """Return how many pixels carry each reason, by its lower-case name; all reasons listed."""
+    counts = np.bincount(flags.ravel(), minlength=256)
+    kinds = np.arange(counts.size)
     return {
-        reason.name.lower(): int(np.count_nonzero(flags & reason.value))
+        reason.name.lower(): int(counts[kinds & reason.value != 0].sum())
         for reason in Rejection
         if reason.name and reason.value
     }

@@ -1,0 +1,59 @@
+"""The exact median of magnitudes by counting: several times faster than by sorting parts.
+
+Floats that are not negative are in the order of their bits. Two passes count the upper and
+the lower sixteen of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from pipeline.reconstruction.rows import OPTIONS
+
+
+def median_magnitude(values: npt.NDArray[np.float32]) -> float:
+    """Return the median of the absolute values that are finite; NaN where there is none.
+
+    >>> median_magnitude(np.array([[3, -1, np.nan], [np.inf, 2, -8]], np.float32))
+    2.5
+    """
+    bits = np.ascontiguousarray(values, np.float32).view(np.int32).reshape(-1)
+    upper = np.zeros(1 << 15, np.int64)
+    count = _count_upper(bits, upper)
+    if count == 0:
+        return float("nan")
+    middle = [_number_of_rank(bits, upper, rank) for rank in ((count - 1) // 2, count // 2)]
+    return float(np.array(middle, np.int32).view(np.float32).mean(dtype=np.float64))
+
+
+def _number_of_rank(bits: npt.NDArray[np.int32], upper: npt.NDArray[np.int64], rank: int) -> int:
+    """Return the bits of the magnitude of that rank, the smallest being 0."""
+    ends = np.cumsum(upper)
+    high = int(np.searchsorted(ends, rank, side="right"))
+    lower = np.zeros(1 << 16, np.int64)
+    _count_lower(bits, high, lower)
+    before = int(ends[high] - upper[high])
+    return high << 16 | int(np.searchsorted(np.cumsum(lower), rank - before, side="right"))
+
+
+@njit(**OPTIONS)
+def _count_upper(bits, upper):
+    """Count the upper bits of the finite magnitudes, in place; return how many there are."""
+    count = 0
+    for index in range(bits.size):
+        magnitude = bits[index] & 0x7FFFFFFF
+        if magnitude < 0x7F800000:
+            upper[magnitude >> 16] += 1
+            count += 1
+    return count
+
+
+@njit(**OPTIONS)
+def _count_lower(bits, high, lower):
+    """Count the lower bits of those magnitudes that have these upper ones, in place."""
+    for index in range(bits.size):
+        magnitude = bits[index] & 0x7FFFFFFF
+        if magnitude >> 16 == high:
+            lower[magnitude & 0xFFFF] += 1
