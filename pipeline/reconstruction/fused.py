@@ -203,12 +203,13 @@ def fuse(
     estimate = start if start is not None else initial_estimate(own.observed, grid)
     residuals = []
     stop_reason = "iterations"
-    prior: npt.NDArray[np.float32] | None = None
+    priors: list[npt.NDArray[np.float32] | None] = [None, None]
 
     def solve(estimate: HrImage, plan: tuple[int, int], most: int | None) -> HrImage:
-        nonlocal stop_reason, prior
+        nonlocal stop_reason
         begun = system.steps
-        for _ in range(plan[0]):
+        before = None
+        for turn in range(plan[0]):
             left = plan[1] if most is None else min(plan[1], most - (system.steps - begun))
             if left <= 0:
                 stop_reason = "steps"
@@ -216,8 +217,11 @@ def fuse(
             if stop is not None and stop():
                 stop_reason = "stopped"
                 break
-            prior = system.edge_weights(estimate, scale, prior)
-            estimate = system.descend(estimate, prior, strength, left, settled=settled)
+            prior = priors[turn % 2] = system.edge_weights(estimate, scale, priors[turn % 2])
+            estimate = system.descend(
+                estimate, prior, strength, left, settled=settled, goes_on_from=before
+            )
+            before = prior
         return estimate
 
     estimate = solve(

@@ -162,6 +162,40 @@ def apply_band(
 
 
 @njit(**OPTIONS)
+def change_prior(image, before, after, strength, lo, hi, residual):
+    """Add λ (P − P') times the image to rows of the residual, in place: the prior is now P'.
+
+    Parameters
+    ----------
+    image, residual : (KH, KW) float32
+    before, after : (4, KH + 2, ≥ KW + TAIL) float32
+        Edge weights of P and of P'.
+    strength : float
+        λ.
+    """
+    height, width = image.shape
+    around = np.zeros((4, 1 + width + TAIL), np.float32)
+    line = np.zeros(width + TAIL, np.float32)
+    length = around.shape[1]
+    plane, pitch = before.shape[1] * before.shape[2], before.shape[2]
+    s = np.float32(strength)
+    for y in range(lo, hi):
+        for near in range(max(0, y - 1) if y == lo else y + 1, min(height, y + 2)):
+            around[near % 3, 1 : 1 + width] = image[near]
+        above = (y - 1) % 3 if y > 0 else 3
+        below = (y + 1) % 3 if y + 1 < height else 3
+        first = (y + 1) * pitch + 1
+        line[:] = 0
+        for x in range(0, width, LANES):
+            up, own, down = above * length + 1 + x, y % 3 * length + 1 + x, below * length + 1 + x
+            prior_eight(before, first + x, plane, pitch, around, up, own, down, s, line, x)
+            prior_eight(after, first + x, plane, pitch, around, up, own, down, -s, line, x)
+        target = residual[y]
+        for x in range(width):
+            target[x] += line[x]
+
+
+@njit(**OPTIONS)
 def sharpen_band(image, taps_x, taps_y, softness, lo, hi, out):
     """Write the preconditioned image into rows ``lo`` to ``hi``: r + (1 − G) e (1 − G) r.
 

@@ -199,12 +199,16 @@ class NormalEquations:
         iterations: int,
         *,
         settled: float = 0.0,
+        goes_on_from: npt.NDArray[np.float32] | None = None,
     ) -> HrImage:
         """Return the estimate after some steps of conjugate gradients, a new array.
 
         Preconditioned, see :meth:`_sharpen`. Ends after ``iterations`` steps, or when the
         (preconditioned) residual has fallen to the share ``settled`` of what it was;
         ``steps`` counts them.
+
+        ``goes_on_from`` says that the estimate is what the last call returned, whose prior
+        that was: the residual is then known but for the change of the prior.
         """
         residual, applied, sharpened, direction, softness = self._scratch
         estimate = estimate - self._level
@@ -214,9 +218,17 @@ class NormalEquations:
             ),
             self._bands,
         )  # fmt: skip
-        self._blur(self._rhs, residual)
-        self._apply(estimate, prior, strength, applied)
-        residual -= applied
+        if goes_on_from is None:
+            self._blur(self._rhs, residual)
+            self._apply(estimate, prior, strength, applied)
+            residual -= applied
+        else:
+            map_threads(
+                lambda band: sweeps.change_prior(
+                    estimate, goes_on_from, prior, strength, *band, residual
+                ),
+                self._bands,
+            )
         first = energy = self._sharpen(residual, softness, direction)
         for iteration in range(iterations):
             curvature = self._apply(direction, prior, strength, applied)

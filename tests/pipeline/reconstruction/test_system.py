@@ -416,6 +416,17 @@ def test_the_start_is_not_modified_and_a_solution_stays():
     np.testing.assert_array_equal(zero.descend(start, _no_prior(), 0.0, 5), start)
 
 
+def test_a_descent_that_goes_on_knows_its_residual():
+    system, fresh = (_system(_observations(count=(20, 30))) for _ in range(2))
+    start = _image(seed=6)
+    first, second = (system.edge_weights(_image(seed=seed), 5.0) for seed in (7, 8))
+    halfway = system.descend(start, first, 0.3, 3)
+    found = system.descend(halfway, second, 0.3, 4, goes_on_from=first)
+    expected = fresh.descend(halfway, second, 0.3, 4)
+    np.testing.assert_allclose(found, expected, atol=0.01)
+    assert np.abs(found - halfway).max() > 1
+
+
 def test_simulation_keeps_a_constant_and_follows_a_ramp():
     x, y = _points(GRID, (11, 17), (0.3, -0.2))
     flat = simulate(np.full(HR_SHAPE, 99, np.float32), TAPS, x, y)
