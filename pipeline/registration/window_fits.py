@@ -24,7 +24,7 @@ BESIDE, ACROSS = 0.46, 0.21
 """Weights of the cells at the four sides and at the four corners: the shares of them that a
 window of 24 pixels covers."""
 
-FARTHEST = 0.2
+FARTHEST = 0.1
 """Difference of two patches' motions from which they are of different surfaces, LR pixels."""
 
 NUM_SUMS = 35
