@@ -224,7 +224,7 @@ class _SegmentEncoder:
         like = (picture.shape, picture.dtype)
         if self._like is None:
             self._like = like
-            with _libav_errors(self._path, self._format.codec):
+            with self._errors():
                 self._open(picture)
         elif like != self._like:
             raise OutputError(
@@ -232,7 +232,7 @@ class _SegmentEncoder:
                 f"{_describe(*like)}, the frames before are {_describe(*self._like)}"
             )
         assert self._pixels is not None
-        with _libav_errors(self._path, f"{self._format.codec}, {_describe(*like)}"):
+        with self._errors():
             frame = self._pixels.frame(picture)
             frame.pts = self._num_frames
             frame.time_base = 1 / self._format.fps
@@ -255,6 +255,11 @@ class _SegmentEncoder:
             container, self._container = self._container, None
             with contextlib.suppress(av.error.FFmpegError):
                 container.close()
+
+    def _errors(self) -> contextlib.AbstractContextManager[None]:
+        """Let errors of the encoder name the file, the codec and the pictures."""
+        assert self._like is not None
+        return _libav_errors(self._path, f"{self._format.codec}, {_describe(*self._like)}")
 
     def _open(self, picture: Picture) -> None:
         codec, fmt = self._format.codec, self._format
@@ -280,6 +285,8 @@ class _SegmentEncoder:
         context.thread_type = "AUTO"
         context.sample_aspect_ratio = _sample_aspect(fmt.layout)
         _tag_colours(context, pixels)
+        with _scheduling_kept():
+            context.open()
 
 
 class _Joiner:
@@ -325,6 +332,32 @@ class _Joiner:
                 f"but the segment before it ends with frame {self._next_frame - 1}"
             )
         self._next_frame = first_frame
+
+
+@contextlib.contextmanager
+def _scheduling_kept() -> Iterator[None]:
+    """Give this thread, and those begun meanwhile, the scheduling policy that it has now.
+
+    SVT-AV1 in a process of root makes the thread that opens it a real-time one of the
+    highest priority; its own threads, and all processes begun later, would inherit that
+    and starve the machine.
+    """
+    if not hasattr(os, "sched_setscheduler"):
+        yield
+        return
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    before = _threads()
+    try:
+        yield
+    finally:
+        for thread in (0, *(_threads() - before)):
+            with contextlib.suppress(ProcessLookupError):  # ended meanwhile
+                os.sched_setscheduler(thread, policy, parameters)
+
+
+def _threads() -> set[int]:
+    """Return the kernel's numbers of the threads of this process."""
+    return {int(name) for name in os.listdir("/proc/self/task")}
 
 
 def _picture(eyes: Eyes, video_format: VideoFormat) -> Picture:

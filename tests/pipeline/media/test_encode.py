@@ -435,6 +435,23 @@ def test_mp4_can_be_played_while_it_loads(tmp_path):
     assert content.index(b"moov") < content.index(b"mdat")
 
 
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="no such scheduling here")
+@pytest.mark.parametrize("codec", VideoCodec)
+def test_no_encoder_makes_the_process_a_real_time_one(tmp_path, codec):
+    """SVT-AV1 does so where root runs it; whatever the process starts later would inherit it."""
+    before = os.sched_getscheduler(0)
+    seen = []
+
+    def frames():
+        for eyes in moving_eyes(range(3), height=144, width=176):
+            yield eyes
+            seen.extend(os.sched_getscheduler(int(task)) for task in os.listdir("/proc/self/task"))
+
+    write_segment(tmp_path / "s.mkv", video_format(codec=codec), frames(), first_frame=0)
+    assert set(seen) == {before}
+    assert os.sched_getscheduler(0) == before
+
+
 WRITE_SEGMENTS = """
 import os, sys
 from pathlib import Path
