@@ -232,15 +232,17 @@ class Desk:
 
     # Assessors
 
-    def enter(self, link: str) -> tuple[str, str]:
-        """Use a link up; return the session and the secret of a new cookie."""
-        cookie = self._secret()
+    def enter(self, link: str, cookie: str) -> str:
+        """Use a link up for who shows the cookie; return the session.
+
+        Again with the same cookie, as where the first answer was lost: lets in as the first time.
+        """
         with self._lock:
             session = self.store.use_link(hashed(link), hashed(cookie))
             for key in [key for key, owner in self._cookies.items() if owner == session]:
                 del self._cookies[key]
         self._take(self._get(session), Joined())
-        return session, cookie
+        return session
 
     def identify(self, cookie: str | None) -> str:
         """Return the session that a cookie lets in."""

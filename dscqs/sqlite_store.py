@@ -278,7 +278,11 @@ class SqliteSessionStore:
             row = db.execute("SELECT * FROM link WHERE digest = ?", (digest,)).fetchone()
             if row is None:
                 raise NotFound("there is no such link")
-            if row["used"]:
+            again = db.execute(
+                "SELECT 1 FROM cookie WHERE session = ? AND digest = ?",
+                (row["session"], cookie_digest),
+            ).fetchone()
+            if row["used"] and again is None:
                 raise UsedUp("the link was used before; ask the operator for a new one")
             db.execute("UPDATE link SET used = 1 WHERE digest = ?", (digest,))
             db.execute(

@@ -107,6 +107,8 @@ class SessionStore(Protocol):
     def use_link(self, digest: str, cookie_digest: str) -> str:
         """Use a link up, let in who shows the cookie and nobody else; return the session.
 
+        A link that was used for the same cookie before lets in as the first time.
+
         Raises
         ------
         NotFound
@@ -217,7 +219,7 @@ class MemorySessionStore:
             if digest not in self._links:
                 raise NotFound("there is no such link")
             session, used = self._links[digest]
-            if used:
+            if used and self._cookies.get(cookie_digest) != session:
                 raise UsedUp("the link was used before; ask the operator for a new one")
             self._links[digest] = (session, True)
             self._cookies = {

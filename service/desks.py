@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import secrets
 import time
 from pathlib import Path
@@ -27,6 +29,16 @@ class Desks:
             MemorySessionStore(time.time), shelf, displays,
             secret=lambda: f"{self.DRY}{secrets.token_urlsafe(24)}",
         )  # fmt: skip
+
+    def of(self, secret: str) -> Desk:
+        """Return the desk that a link or a cookie belongs to."""
+        return self.dry if secret.startswith(self.DRY) else self.real
+
+    def cookie(self, link: str, browser: str) -> str:
+        """Return the cookie that a link gives to a browser: always the same one."""
+        digest = hashlib.sha256(f"{link}\n{browser}".encode()).digest()
+        made = base64.urlsafe_b64encode(digest).decode().rstrip("=")
+        return f"{self.DRY}{made}" if link.startswith(self.DRY) else made
 
     def dry_run(
         self, test: str, assessor: str, display: str, language: str

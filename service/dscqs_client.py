@@ -46,6 +46,11 @@ def ask(http: httpx.Client, method: str, path: str, json: Any = None) -> httpx.R
     return answer
 
 
+def entry(link: str, browser: str) -> dict[str, str]:
+    """Return what the page behind a link sends to let its browser in."""
+    return {"link": link.partition("#")[2], "browser": browser}
+
+
 @dataclass(kw_only=True)
 class OperatorClient:
     """Makes tests and watches over them; ``http`` sends the operator's token."""
@@ -109,10 +114,12 @@ class AssessorClient:
     http: httpx.Client
     presentation: dict[str, Any] = field(default_factory=dict)
     """The newest that was given out."""
+    browser: str = field(default_factory=lambda: uuid.uuid4().hex)
+    """A link that was opened works for this one only."""
 
     def enter(self, link: str) -> None:
         """Open a link, and keep its cookie."""
-        ask(self.http, "GET", link)
+        ask(self.http, "POST", f"{API}/assessor/enter", entry(link, self.browser))
 
     def state(self) -> dict[str, Any]:
         """Return where the session stands."""

@@ -25,7 +25,7 @@ from dscqs.errors import StimulusError
 from dscqs.plan import Plan
 from dscqs.simulated import AssessorModel, SimulatedAssessor
 from dscqs.stimulus import signature
-from service.dscqs_client import API, DscqsClientError
+from service.dscqs_client import API, DscqsClientError, entry
 
 PATIENCE_S = 60.0
 
@@ -127,7 +127,7 @@ class _Walker:
         async with httpx.AsyncClient(
             base_url=self._server, timeout=PATIENCE_S, verify=self._trusted
         ) as http:
-            await _ask(http, "GET", link)
+            await _ask(http, "POST", f"{API}/assessor/enter", entry(link, uuid.uuid4().hex))
             state = (await _ask(http, "GET", f"{API}/assessor/state")).json()
             while state["stage"] not in ("thanks", "withdrawn"):
                 state = await self._step(http, state, who, speed)

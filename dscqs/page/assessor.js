@@ -10,14 +10,15 @@ import { phone } from "./phone.js";
 import { Stage } from "./stage.js";
 import { station } from "./station.js";
 import { stereoAcuity } from "./stereo-acuity.js";
-import { textsOf } from "./texts.js";
+import { browserLanguage, textsOf } from "./texts.js";
 import { mirror } from "./twin.js";
 import { sendPending } from "./vote.js";
 
 const main = document.getElementById("page");
 const banner = document.getElementById("banner");
 
-let texts = await textsOf(navigator.language.slice(0, 2));
+let texts = await textsOf(browserLanguage());
+document.documentElement.lang = browserLanguage();
 const api = new Api((isInTrouble) => {
   banner.textContent = isInTrouble ? texts.trouble : "";
 });

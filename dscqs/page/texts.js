@@ -10,6 +10,12 @@ export async function textsOf(language) {
   return (await import(`./texts/${language}.js`)).default;
 }
 
+/** Return the language of the browser, or English where it is not one of `LANGUAGES`. */
+export function browserLanguage() {
+  const language = navigator.language.slice(0, 2);
+  return LANGUAGES.includes(language) ? language : "en";
+}
+
 /** Return a text with its gaps filled: "{name}". */
 export function fill(text, values) {
   return text.replace(/\{(\w+)\}/g, (_, name) => String(values[name]));

@@ -15,6 +15,7 @@ from fastapi import Path as InPath
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from dscqs.desk import Desk
+from service.desks import Desks
 from service.http.problems import responses
 
 router = APIRouter(prefix="/dscqs", tags=["subjective tests: assessors"])
@@ -25,6 +26,10 @@ LARGEST = 65536
 
 STIMULUS = "/dscqs/api/assessor/stimulus/"
 
+ENTRY = "/dscqs/pages/enter.html#"
+"""Before the secret of a link. What follows the # is sent to nobody: the page sends it, when the
+assessor says so, so that programs that look at links ahead use none up."""
+
 Secret = Annotated[str, InPath(max_length=64)]
 Name = Annotated[str, Field(max_length=64)]
 
@@ -33,6 +38,13 @@ class Asked(BaseModel):
     """What a page sends; a field that is not known is an error."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Entry(Asked):
+    """A link that is opened, and a secret by which its browser is known again."""
+
+    link: Name
+    browser: Annotated[str, Field(min_length=16, max_length=64)]
 
 
 class Continue(Asked):
@@ -107,22 +119,20 @@ Asking = Annotated[Assessor, Depends(Assessor)]
 
 def desk_of(request: Request, cookie: str | None) -> tuple[Desk, str]:
     """Return the desk and the session that a cookie lets in; dry runs have a desk of their own."""
-    desks = request.app.state.desks
-    desk = desks.dry if cookie and cookie.startswith(desks.DRY) else desks.real
+    desk: Desk = request.app.state.desks.of(cookie or "")
     return desk, desk.identify(cookie)
 
 
-@router.get("/a/{link}", status_code=303, response_class=Response, responses=responses(404, 410))
-def enter(request: Request, link: Secret) -> Response:
-    """Open a link: it works once, and sets the cookie of the session."""
-    desks = request.app.state.desks
-    _, cookie = (desks.dry if link.startswith(desks.DRY) else desks.real).enter(link)
-    answer = Response(status_code=303, headers={"Location": "/dscqs/pages/assessor.html"})
-    answer.set_cookie(
+@router.post("/api/assessor/enter", status_code=204, responses=responses(400, 404, 410))
+def enter(request: Request, response: Response, asked: Entry) -> None:
+    """Open a link: it works in one browser, and sets the cookie of the session."""
+    desks: Desks = request.app.state.desks
+    cookie = desks.cookie(asked.link, asked.browser)
+    desks.of(asked.link).enter(asked.link, cookie)
+    response.set_cookie(
         COOKIE, cookie, httponly=True, samesite="strict", secure=request.url.scheme == "https",
         path="/dscqs",
     )  # fmt: skip
-    return answer
 
 
 @router.get("/api/assessor/state", responses=responses(401))

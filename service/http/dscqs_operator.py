@@ -14,7 +14,7 @@ from dscqs.plan import plan_from_dict
 from dscqs.record import session_log, test_document, votes, votes_csv
 from dscqs.store import SessionStore
 from dscqs.votes import make_table
-from service.http.dscqs import Asked, Name
+from service.http.dscqs import ENTRY, Asked, Name
 from service.http.dscqs_access import COOKIE, COOKIE_SECONDS, Operating
 from service.http.dscqs_folders import folder_of
 from service.http.problems import ProblemError, responses
@@ -146,7 +146,7 @@ def invite(request: Request, name: Operating, test: Id, asked: Invitation) -> In
     """
     desk = request.app.state.desks.real
     record, link = desk.invite(test, asked.assessor, asked.display, asked.language)
-    return Invited(link=f"/dscqs/a/{link}", session=record.id)
+    return Invited(link=f"{ENTRY}{link}", session=record.id)
 
 
 @router.post("/tests/{test}/groups", status_code=201, responses=responses(400, 401, 404, 409))
@@ -157,8 +157,8 @@ def invite_group(
     desk = request.app.state.desks.real
     screen, phones = desk.invite_group(test, asked.assessors, asked.display, asked.language)
     return GroupInvited(
-        screen=f"/dscqs/a/{screen}",
-        phones={assessor: f"/dscqs/a/{link}" for assessor, link in phones.items()},
+        screen=f"{ENTRY}{screen}",
+        phones={assessor: f"{ENTRY}{link}" for assessor, link in phones.items()},
     )
 
 
@@ -168,7 +168,7 @@ def dry_run(request: Request, name: Operating, test: Id, asked: Invitation) -> I
     record, link = request.app.state.desks.dry_run(
         test, asked.assessor, asked.display, asked.language
     )
-    return Invited(link=f"/dscqs/a/{link}", session=record.id, dry=True)
+    return Invited(link=f"{ENTRY}{link}", session=record.id, dry=True)
 
 
 @router.get("/tests/{test}/progress", responses=responses(401, 404))

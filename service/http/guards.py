@@ -28,7 +28,7 @@ SECURITY_HEADERS = {
     "media-src 'self' blob:; worker-src 'self' blob:; style-src 'self' 'unsafe-inline'; "
     "object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'",
 }
-PRIVATE = ("/api/", "/dscqs/api/", "/dscqs/a/")
+PRIVATE = ("/api/", "/dscqs/api/")
 """Answers under these are never kept by a cache."""
 
 BODY_PATIENCE = 60.0

@@ -43,7 +43,12 @@ class AssessorPage:
     failures: int = 0
 
     def open(self, url: str) -> AssessorPage:
+        """Open a link, begin behind it, and wait for the page of the session."""
         self.page.goto(url)
+        if "#" in url:
+            self.wait_for("enter")
+            self.page.click("button.main")
+            self.page.wait_for_url("**/assessor.html")
         self.record()
         return self
 
@@ -86,10 +91,13 @@ class AssessorPage:
             self.page.wait_for_timeout(20)
         raise AssertionError(f"the button of the page {self.name!r} leads nowhere")
 
-    def fill_screening(self) -> None:
+    def answer_screening(self) -> None:
         self.wait_for("screening")
         for group in ("correction", "acuity", "colour"):
             self.page.locator(f"label:has(input[name={group}])").last.click()
+
+    def fill_screening(self) -> None:
+        self.answer_screening()
         self.press_main()
 
     def leave_out_stereo_acuity(self) -> None:
@@ -97,18 +105,21 @@ class AssessorPage:
         self.wait_for("stereo-acuity")
         self.press_main()
 
-    def fill_fatigue(self) -> None:
+    def answer_fatigue(self) -> None:
         self.wait_for("fatigue")
         lines = self.page.locator(".lines fieldset")
         for index in range(lines.count()):
             lines.nth(index).locator("label").nth(index % 5).click()
+
+    def fill_fatigue(self) -> None:
+        self.answer_fatigue()
         self.press_main()
 
     def come_to_vote(self) -> None:
         """See the next presentation to its end, however often it has to be shown."""
         while True:
             self.page.wait_for_selector("main:not(:has(.scales[inert]))")  # the last vote is sent
-            name = self.wait_for("vote", "failed", "ready", "pause")
+            name = self.wait_for("vote", "failed", "elsewhere", "ready", "pause")
             if name == "vote":
                 self.drawn.append(self.page.evaluate("window.drawn.splice(0)"))
                 return
@@ -117,13 +128,23 @@ class AssessorPage:
                 self.page.evaluate("window.drawn.splice(0)")
             self.press_main()
 
-    def grade(self, side: int, value: float) -> float:
-        """Click on a line where a grade lies; return the grade of the very point clicked."""
+    def place_of(self, side: int, value: float) -> tuple[float, float, float]:
+        """Return a point of a line where a grade lies, and the grade of that very point."""
         box = self.page.locator(".scale .line").nth(side).bounding_box()
         y = round(box["y"] + box["height"] * (1 - value / 100))
-        self.page.mouse.click(box["x"] + box["width"] / 2, y)
         exact = 100 * (1 - (y - box["y"]) / box["height"])
-        return round(min(100.0, max(0.0, exact)) + 1e-9, 1)
+        return box["x"] + box["width"] / 2, y, round(min(100.0, max(0.0, exact)) + 1e-9, 1)
+
+    def middle_of(self, selector: str) -> tuple[float, float]:
+        """Return the point where somebody would touch it."""
+        box = self.page.locator(selector).bounding_box()
+        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def grade(self, side: int, value: float) -> float:
+        """Click on a line where a grade lies; return the grade of the very point clicked."""
+        x, y, grade = self.place_of(side, value)
+        self.page.mouse.click(x, y)
+        return grade
 
     def vote(self, first: float, second: float) -> None:
         """Grade both and submit."""

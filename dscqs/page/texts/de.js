@@ -155,6 +155,10 @@ export default {
     text: "Sie wurde in einem anderen Tab oder Fenster geöffnet. Sie kann nur in einem weitergehen.",
     here: "Hier weitermachen",
   },
+  enter: {
+    text: "Dieser Link öffnet Ihre Sitzung in diesem Browser und in keinem anderen. Beginnen Sie, wenn Sie dort sitzen, wo Sie bewerten werden.",
+    used: "Dieser Link wurde schon in einem anderen Browser geöffnet. Die Versuchsleitung kann Ihnen einen neuen geben.",
+  },
   noSession: {
     title: "Keine Sitzung",
     text: "Öffnen Sie den Link, den Sie bekommen haben. Er gilt einmal, in einem Browser; die Versuchsleitung kann einen neuen ausstellen.",

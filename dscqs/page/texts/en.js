@@ -144,6 +144,10 @@ export default {
     text: "It was opened in another tab or window. It can only go on in one.",
     here: "Go on here",
   },
+  enter: {
+    text: "This link opens your session in this browser, and in no other. Begin when you sit where you will grade.",
+    used: "This link was opened before, in another browser. The operator can give you a new one.",
+  },
   noSession: {
     title: "No session",
     text: "Open the link that you were given. It works once, in one browser; the operator can make a new one.",

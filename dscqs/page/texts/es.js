@@ -153,6 +153,10 @@ export default {
     text: "Se abrió en otra pestaña o ventana. Solo puede seguir en una.",
     here: "Seguir aquí",
   },
+  enter: {
+    text: "Este enlace abre su sesión en este navegador y en ningún otro. Empiece cuando esté sentado donde va a calificar.",
+    used: "Este enlace ya se abrió en otro navegador. El operador puede darle uno nuevo.",
+  },
   noSession: {
     title: "No hay sesión",
     text: "Abra el enlace que recibió. Sirve una vez, en un navegador; el operador puede crear uno nuevo.",

@@ -154,6 +154,10 @@ export default {
     text: "Elle a été ouverte dans un autre onglet ou une autre fenêtre. Elle ne peut continuer que dans un seul.",
     here: "Continuer ici",
   },
+  enter: {
+    text: "Ce lien ouvre votre séance dans ce navigateur, et dans aucun autre. Commencez une fois assis là où vous allez noter.",
+    used: "Ce lien a déjà été ouvert dans un autre navigateur. L’opérateur peut vous en donner un nouveau.",
+  },
   noSession: {
     title: "Aucune séance",
     text: "Ouvrez le lien que vous avez reçu. Il sert une fois, dans un navigateur ; l’opérateur peut en créer un nouveau.",

@@ -139,6 +139,10 @@ export default {
     text: "Başka bir sekmede ya da pencerede açıldı. Yalnızca birinde sürebilir.",
     here: "Burada sürdür",
   },
+  enter: {
+    text: "Bu bağlantı oturumunuzu bu tarayıcıda açar, başka hiçbirinde açmaz. Değerlendirme yapacağınız yere oturduğunuzda başlayın.",
+    used: "Bu bağlantı daha önce başka bir tarayıcıda açıldı. Görevli size yenisini verebilir.",
+  },
   noSession: {
     title: "Oturum yok",
     text: "Size verilen bağlantıyı açın. Bir kez, tek tarayıcıda geçerlidir; görevli yenisini verebilir.",

@@ -88,19 +88,42 @@ def test_a_link_works_once_and_a_new_one_takes_the_session_over(operator, enter,
     first = AssessorClient(http=http)
     first.enter(link)
     first.leave("instructions")
-    assert http.get(link, follow_redirects=False).status_code == 410
+    with pytest.raises(DscqsClientError) as caught:
+        AssessorClient(http=http).enter(link)
+    assert (caught.value.status, caught.value.code) == (410, "used-up")
+    first.enter(link)  # the same browser, as where the first answer was lost
+    assert first.state()["stage"] == "screening"
     second = enter(test)
     assert second.state()["stage"] == "screening"
     with pytest.raises(DscqsClientError) as caught:
         first.state()
     assert (caught.value.status, caught.value.code) == (401, "not-logged-in")
+    with pytest.raises(DscqsClientError) as caught:  # nor does its own link let it in again
+        first.enter(link)
+    assert caught.value.status == 410
 
 
 def test_an_unused_link_ends_when_a_newer_is_made(operator, http, plan):
     test = operator.make_test(plan)
     old = operator.invite(test, "a1", "polarised")
     operator.invite(test, "a1", "polarised")
-    assert http.get(old, follow_redirects=False).status_code == 410
+    for link, status in ((old, 410), (f"{old}x", 404)):
+        with pytest.raises(DscqsClientError) as caught:
+            AssessorClient(http=http).enter(link)
+        assert caught.value.status == status
+
+
+def test_a_link_that_is_looked_at_is_not_used_up(operator, http, plan):
+    """Mail and chat programs fetch links before their readers do."""
+    test = operator.make_test(plan)
+    link = operator.invite(test, "a1", "polarised")
+    for method in ("HEAD", "GET"):
+        answer = http.request(method, link, follow_redirects=True)
+        assert link.partition("#")[2] not in answer.text + str(answer.url.raw_path)
+    assert operator.progress(test)[0]["joined"] is False
+    client = AssessorClient(http=http)
+    client.enter(link)
+    assert client.state()["stage"] == "instructions"
 
 
 def test_an_address_works_once(operator, enter, plan):
@@ -197,7 +220,8 @@ def test_grades_of_another_session_are_refused(operator, enter, plan):
         ("continue", {}), ("continue", {"stage": 3}), ("continue", {"stage": "x", "more": 1}),
         ("forms", {"stage": "screening"}), ("forms", {"stage": "screening", "answers": []}),
         ("shown", {"ticket": "t", "outcome": "perhaps"}), ("grades", {"ticket": "t"}),
-        ("grades", []), ("events", {"kind": "x" * 100}),
+        ("grades", []), ("events", {"kind": "x" * 100}), ("enter", {"link": "x"}),
+        ("enter", {"link": "x", "browser": "short"}),
     ],
 )  # fmt: skip
 def test_malformed_requests_are_400_and_say_where(operator, enter, plan, path, body):

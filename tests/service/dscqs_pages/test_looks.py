@@ -2,33 +2,91 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-RULES = {"runOnly": {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa"]}}
+from dscqs.displays import profile_from_dict
+from tests.service.dscqs_pages.conftest import HEIGHT, PROFILE, TIMING, WIDTH
+from tests.service.dscqs_pages.test_session import given, votes_of
+from tests.support.accessibility import problems
 
 
-def problems(page: Any) -> list[str]:
-    """What axe finds on a page."""
-    from axe_playwright_python.sync_playwright import Axe
+def test_pages_around_a_session(make_tab, desk, make_test, operator, served, plan):
+    """What a session shows when something is amiss, from its link to its end."""
+    test = make_test({**plan, "timing": {**TIMING, "showings": 1}, "break_every": 1})
+    session = f"/dscqs/api/operator/tests/{test}/sessions/a1"
+    tab = make_tab(locale="de-DE")
+    found: dict[str, list[str]] = {}
 
-    found = Axe().run(page, options=RULES).response["violations"]
-    return [f"{item['id']}: {node['html'][:120]}" for item in found for node in item["nodes"]]
+    def look(name: str) -> None:
+        tab.wait_for(name)
+        assert name not in found
+        found[name] = problems(tab.page)
+
+    link = served.url + operator.invite(test, "a1", "desk")
+    tab.page.goto(link)
+    look("enter")
+    assert "in keinem anderen" in tab.page.inner_text("main")
+    assert operator.progress(test)[0]["joined"] is False
+    tab.press_main()
+    tab.page.wait_for_url("**/assessor.html")
+    tab.record()
+    look("ready")
+    tab.page.set_viewport_size({"width": WIDTH + 20, "height": HEIGHT})
+    tab.press_main()
+    look("display")
+    tab.page.set_viewport_size({"width": WIDTH, "height": HEIGHT})
+    tab.page.route("**/stimulus/*", lambda route: route.abort(), times=2)
+    tab.press_main()
+    look("failed")
+    other = type(tab)(tab.page.context.new_page())
+    other.open(tab.page.url)
+    other.come_to_vote()
+    tab.page.bring_to_front()
+    tab.press_main()
+    tab.come_to_vote()
+    other.page.bring_to_front()
+    other.vote(50, 50)
+    other.wait_for("elsewhere")
+    found["elsewhere"] = problems(other.page)
+    other.page.close()
+    tab.page.bring_to_front()
+    tab.page.context.set_offline(True)
+    tab.vote(50, 40)
+    tab.page.wait_for_selector("#banner:not(:empty)")
+    look("vote")
+    tab.page.context.set_offline(False)
+    look("pause")
+    operator.http.post(f"{session}/pause")
+    tab.reload()
+    look("still")
+    operator.http.post(f"{session}/resume")
+    operator.http.post(f"{session}/withdraw")
+    look("withdrawn")
+    tab = make_tab(locale="de-DE")
+    tab.page.goto(link)
+    tab.page.click("main[data-page=enter] button.main")  # it was used in another browser
+    look("no-session")
+    assert "anderen Browser" in tab.page.inner_text("main")
+    assert tab.page.evaluate("document.documentElement.lang") == "de"
+    assert found == {name: [] for name in found}
 
 
 @pytest.mark.parametrize("language", ["en", "ja"])
 def test_pages_of_a_session(enter, make_test, plan, language):
-    stages = ["instructions", "screening", "fatigue_before"]
+    stages = ["instructions", "screening", "stereo_acuity", "fatigue_before"]
     test = make_test({**plan, "stages": stages, "dimensions": ["quality", "comfort"]})
     seat = enter(test, language=language)
     found: dict[str, list[str]] = {}
     for name, act in (
         ("instructions", seat.press_main), ("screening", seat.fill_screening),
-        ("fatigue", seat.fill_fatigue), ("ready", None),
+        ("stereo-acuity", seat.leave_out_stereo_acuity), ("fatigue", seat.fill_fatigue),
+        ("ready", None),
     ):  # fmt: skip
         seat.wait_for(name)
+        if name == "screening":  # with both of its drawn questions
+            for part in ("acuity", "colour"):
+                seat.page.locator(f"label:has(input[name={part}])").nth(1).click()
         found[name] = problems(seat.page)
         assert seat.page.evaluate("document.documentElement.lang") == language
         if act is not None:
@@ -40,9 +98,60 @@ def test_pages_of_a_session(enter, make_test, plan, language):
     assert found == {name: [] for name in found}
 
 
-def test_keys_grade_as_pointers_do(enter, make_test, operator, plan):
-    from tests.service.dscqs_pages.test_session import given, votes_of
+def test_the_page_that_calibrates(make_tab, served):
+    """Logged out, and in: size, eyes and pixels of the very screen, stored under a new name."""
+    name, address = "calibrated", f"{served.url}/dscqs/pages/calibrate.html"
+    displays = served.app.state.desks.real.displays
+    displays.put("desk", profile_from_dict(PROFILE))
+    page = make_tab().page
+    page.goto(address)
+    page.get_by_text("Log in as an operator first").wait_for()
+    assert problems(page) == []
+    login = f"{served.url}/dscqs/api/operator/login"
+    assert page.request.post(login, data={"token": served.token}).ok
+    page.goto(f"{address}?display=desk")
+    page.get_by_label("Store as").fill(name)
+    page.get_by_text("Measure the pixels with a bank card").click()
+    assert problems(page) == []
+    page.get_by_label("Width of the card, pixels").fill("428")
+    page.get_by_label("Width of the signal, pixels").fill("10")
+    page.get_by_role("button", name="eyes", exact=True).click()
+    page.get_by_text(f"the window has {WIDTH} × {HEIGHT} pixels").wait_for()
+    assert problems(page) == []
+    page.get_by_role("button", name="Take the size of this screen").click()
+    page.get_by_role("button", name="eyes", exact=True).click()
+    page.wait_for_selector("html[data-showing=yes]", state="attached")
+    for key in ("s", "p", " "):
+        page.keyboard.press(key)
+    page.get_by_text("Eyes exchanged; lines shifted by 1").wait_for()
+    page.get_by_role("button", name="Store the profile").click()
+    page.get_by_text(f"Stored as {name}").wait_for()
+    stored = displays.get(name)
+    assert (stored.width_px, stored.height_px) == (WIDTH, HEIGHT)
+    assert (stored.swap, stored.phase, stored.pixel_pitch_mm) == (True, 1, 0.2)
 
+
+def test_fingers_grade_as_pointers_do(enter, make_test, operator, plan):
+    """A tap on one line, a finger that slides on the other; the page does not scroll under it."""
+    test = make_test(plan)
+    seat = enter(test, has_touch=True)
+    seat.come_to_vote()
+    x, y, first = seat.place_of(0, 73)
+    seat.page.touchscreen.tap(x, y)
+    assert seat.page.locator(".handle:visible").count() == 1
+    fingers = seat.page.context.new_cdp_session(seat.page)
+    for kind, value in (("Start", 20), ("Move", 40), ("Move", 64), ("End", None)):
+        if value is not None:
+            x, y, second = seat.place_of(1, value)
+        points = [] if value is None else [{"x": x, "y": y}]
+        fingers.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
+    assert seat.page.evaluate("[scrollY, document.querySelector('main').scrollTop]") == [0, 0]
+    seat.page.touchscreen.tap(*seat.middle_of("main button.main"))
+    seat.wait_for("loading")
+    assert given(votes_of(operator, test)) == [{"A": first, "B": second}]
+
+
+def test_keys_grade_as_pointers_do(enter, make_test, operator, plan):
     test = make_test(plan)
     seat = enter(test)
     seat.come_to_vote()
@@ -65,8 +174,6 @@ def test_keys_grade_as_pointers_do(enter, make_test, operator, plan):
 def test_both_eyes_read_the_same_page_at_the_same_place(
     make_tab, make_test, operator, served, plan
 ):
-    from dscqs.displays import profile_from_dict
-
     served.app.state.desks.real.displays.put(
         "pair",
         profile_from_dict(

@@ -13,6 +13,7 @@ from dscqs.pixel_hash import hash_frames
 from tests.service.dscqs.support import CONDITIONS, CONTENTS, REFERENCE
 from tests.service.dscqs_pages.conftest import TIMING
 from tests.service.dscqs_pages.test_session import given, logs_of, votes_of
+from tests.support.accessibility import problems
 
 COUNT, RATE = 4, 4
 """Frames of a clip, and those of a second: slow enough for a processor that does all the work."""
@@ -79,11 +80,14 @@ def test_a_group_votes_on_telephones(make_tab, make_test, operator, plan, served
     ]
     for phone in phones:
         phone.wait_for("phone-wait")
+    assert problems(phones[0].page) == []
     for index in range(2):
         while screen.wait_for("ready", "failed", "group-vote") != "group-vote":
             screen.press_main()
+        assert problems(screen.page) == []
         for number, phone in enumerate(phones):
             phone.wait_for("vote")
+            assert problems(phone.page) == []
             phone.vote(80 - 10 * number, 20 + 10 * index)
             phone.wait_for("phone-wait", "vote")
         screen.page.wait_for_selector("main[data-page=loading]", state="attached")
