@@ -1,5 +1,5 @@
 # make demo    render a small scene, super-resolve it, look at it (demo/)
-# make test    format, lint and tests: what .ci/run runs
+# make test    format, lint and tests, JOBS=2 files at once: what .ci/run runs
 # make bench   the benchmark table
 # make soak    2,000 frames: memory flat, quality steady (docs/soak.md)
 # make quality the tables of quality; DEPTHSR_SCENES names the folder of the real scenes
@@ -14,19 +14,21 @@ SHELL := /bin/bash
 .PHONY: demo test bench soak quality peers lint types lock system clean
 
 PYTHON ?= python3
+JOBS ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 RUN := $(VENV)/.installed
 DEV := $(VENV)/.installed-dev
+PEERS := .peers/.installed
 
 demo: $(RUN)
 	$(BIN)/depthsr demo -o demo
 
-test: $(DEV) system
+test: $(DEV) $(PEERS) system
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile
 
 bench: $(RUN)
 	$(BIN)/python -m benchmarks
@@ -42,8 +44,11 @@ quality: $(RUN)
 EXTRA := import tomllib; \
 	print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["peers"])
 
-peers: $(RUN)
+peers: $(PEERS)
+
+$(PEERS): pyproject.toml | $(RUN)
 	$(PIP) install --no-deps --upgrade --target .peers $$($(BIN)/python -c '$(EXTRA)')
+	@touch $@
 
 lint: $(DEV)
 	$(BIN)/ruff check .

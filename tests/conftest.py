@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import hypothesis
 import pytest
 
 from service.numba_cache import prepare_numba_cache
+from tests.support.needed import absent, program
 
 prepare_numba_cache()  # before anything imports numba
 
@@ -47,9 +47,7 @@ def scenes_dir() -> Path:
         if named
         else "DEPTHSR_SCENES is not set: it names the folder of the real scenes"
     )
-    if os.environ.get("CI") == "true":
-        pytest.fail(reason, pytrace=False)
-    pytest.skip(reason)
+    absent(reason)
 
 
 @pytest.fixture(scope="module")
@@ -60,12 +58,7 @@ def chromium() -> Iterator[Any]:
     """
     from playwright.sync_api import sync_playwright
 
-    path = shutil.which("chromium")
-    if path is None:
-        reason = "chromium is not installed: pages cannot be looked at"
-        if os.environ.get("CI") == "true":
-            pytest.fail(reason, pytrace=False)
-        pytest.skip(reason)
+    path = program("chromium")
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=path, args=list(CHROMIUM_OPTIONS))
         yield browser

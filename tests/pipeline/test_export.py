@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 from fractions import Fraction
 
@@ -19,6 +18,7 @@ from pipeline.media.encode import join_segments, write_segment
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat, suggested_name
 from pipeline.stereo import StereoLayout
 from pipeline.stop import StopFlag
+from tests.support.needed import program
 
 HEIGHT, WIDTH, FRAMES, FIRST = 96, 256, 5, 7
 BARS = ((191, 191, 191), (191, 191, 0), (0, 191, 191), (0, 191, 0),
@@ -52,7 +52,8 @@ def _options(path, **options) -> OutputOptions:
 
 
 def _streams(path):
-    command = ["ffprobe", "-v", "error", "-show_streams", "-show_frames", "-of", "json", str(path)]
+    words = ["-v", "error", "-show_streams", "-show_frames", "-of", "json"]
+    command = [program("ffprobe"), *words, str(path)]
     said = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     return said["streams"][0], said["frames"]
 
@@ -61,7 +62,7 @@ def _decoded(path, tmp_path) -> np.ndarray:
     """Return the first frame as FFmpeg's own converter gives it: (H, W, 3)."""
     picture = tmp_path / "decoded.png"
     exactly = ["-pix_fmt", "rgb24", "-sws_flags", "accurate_rnd+full_chroma_int+bicubic"]
-    command = ["ffmpeg", "-v", "error", "-y", "-i", str(path), "-frames:v", "1", *exactly]
+    command = [program("ffmpeg"), "-v", "error", "-y", "-i", str(path), "-frames:v", "1", *exactly]
     command.append(str(picture))
     subprocess.run(command, check=True)
     return cv2.cvtColor(cv2.imread(str(picture)), cv2.COLOR_BGR2RGB)
@@ -75,7 +76,6 @@ FORMS = [
 ]  # fmt: skip
 
 
-@pytest.mark.skipif(not shutil.which("ffprobe"), reason="ffprobe is not installed")
 @pytest.mark.parametrize(("container", "codec", "layout"), FORMS)
 def test_every_form_says_what_it_is(master, tmp_path, container, codec, layout):
     path = tmp_path / suggested_name("clip", StereoLayout(layout), Container(container))
@@ -100,20 +100,19 @@ def test_every_form_says_what_it_is(master, tmp_path, container, codec, layout):
         assert stream["sample_aspect_ratio"] == ("2:1" if "sbs" in layout else "1:2")
 
 
-@pytest.mark.skipif(not shutil.which("mediainfo"), reason="mediainfo is not installed")
 def test_players_and_probes_of_others_agree(master, tmp_path):
     path = tmp_path / "clip_3D_SBS_LR.mkv"
     export(master, _options(path, layout="sbs"))
-    said = subprocess.run(["mediainfo", str(path)], capture_output=True, text=True, check=True)
+    said = subprocess.run(
+        [program("mediainfo"), str(path)], capture_output=True, text=True, check=True
+    )
     assert "Side by Side (left eye first)" in said.stdout
-    if shutil.which("mpv"):
-        words = ["mpv", "--no-config", "--vo=null", "--ao=null", "--frames=1",
-                 "--term-playing-msg=IN=${video-params/stereo-in}", str(path)]  # fmt: skip
-        played = subprocess.run(words, capture_output=True, text=True, check=True, timeout=60)
-        assert "IN=sbs2l" in played.stdout
+    words = [program("mpv"), "--no-config", "--vo=null", "--ao=null", "--frames=1",
+             "--term-playing-msg=IN=${video-params/stereo-in}", str(path)]  # fmt: skip
+    played = subprocess.run(words, capture_output=True, text=True, check=True, timeout=60)
+    assert "IN=sbs2l" in played.stdout
 
 
-@pytest.mark.skipif(not shutil.which("ffmpeg"), reason="ffmpeg is not installed")
 @pytest.mark.parametrize(
     ("container", "codec"), [("mp4", "h264"), ("mkv", "h264"), ("webm", "vp9"), ("mkv", "ffv1")]
 )

@@ -17,6 +17,7 @@ import httpx
 import pytest
 
 from service.client import Client, ServiceError
+from tests.support.needed import small_disk
 
 KILLS = 20
 SEGMENT = {"output": {"segment_length": 2}}
@@ -157,11 +158,7 @@ def test_it_ends_in_time_with_a_stream_open(make_service, tiny_scene):
 def test_a_full_disk_fails_the_job_and_the_service_lives(make_service, tiny_scene, tmp_path):
     """On a file system of 8 MiB that fills up while the job runs."""
     disk = tmp_path / "disk"
-    disk.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", str(disk)]
-    if subprocess.run(mount, capture_output=True, check=False).returncode != 0:
-        pytest.skip("mounting a small file system needs privileges")
-    try:
+    with small_disk(disk, "8m"):
         options = ("--roots", str(tiny_scene.parent), "--disk-reserve", "4")
         service = make_service(*options, data=disk / "data")
         with Client(service.url) as client:
@@ -186,5 +183,3 @@ def test_a_full_disk_fails_the_job_and_the_service_lives(make_service, tiny_scen
             assert rest[-1] == "succeeded"
             assert httpx.get(f"{service.url}/readyz").status_code == 200
         service.end()
-    finally:
-        subprocess.run(["umount", "-l", str(disk)], check=False)

@@ -13,6 +13,7 @@ from pipeline.config import Settings
 from pipeline.errors import ConfigurationError
 from pipeline.evaluation import home_ground, networks, peers, rivals, vidsr
 from pipeline.evaluation.rivals import Given
+from tests.support.needed import absent
 
 GIVEN = Given(noise=0.0, sigma=1.0, threads=1)
 
@@ -137,7 +138,7 @@ def test_the_chapter_says_who_wins(rows):
 @pytest.mark.parametrize("peer", rivals.PEERS[6:11], ids=lambda peer: peer.name)
 def test_networks_align_pixel_areas(peer):
     if peer.missing():
-        pytest.skip(f"{peer.name}: {peer.missing()}; `make peers`, DEPTHSR_PEERS")
+        absent(f"{peer.name}: {peer.missing()}; `make peers`, DEPTHSR_PEERS")
     small = np.rint(waves((32, 40), 0.0))
     doubled = peer.run(small, Given(noise=2.0, sigma=1.0, threads=1))
     rows, columns = (np.mgrid[:64, :80] + 0.5) / 2 - 0.5

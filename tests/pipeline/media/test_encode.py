@@ -4,7 +4,6 @@ import hashlib
 import json
 import os
 import resource
-import shutil
 import signal
 import subprocess
 import sys
@@ -28,6 +27,7 @@ from pipeline.media.video_format import (
     view_path,
 )
 from pipeline.stereo import StereoLayout, pack, unpack
+from tests.support.needed import program
 
 NTSC = Fraction(30000, 1001)
 
@@ -40,17 +40,6 @@ LOSSY = [
     (Container.WEBM, VideoCodec.VP9),
     (Container.MKV, VideoCodec.AV1),
 ]
-
-
-def program(name: str) -> str:
-    """Return the path of an outside program; without it: skipped, under CI=true failed."""
-    found = shutil.which(name)
-    if found is None:
-        reason = f"{name} is not installed: files cannot be read back by it"
-        if os.environ.get("CI") == "true":
-            pytest.fail(reason, pytrace=False)
-        pytest.skip(reason)
-    return found
 
 
 @pytest.fixture(scope="session")

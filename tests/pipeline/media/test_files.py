@@ -20,22 +20,15 @@ from pipeline.media.files import (
     remove_leftovers,
     write_atomic,
 )
+from tests.support import needed
 
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
     """A file system of its own with 64 KiB, where one may be mounted."""
     folder = tmp_path / "disk"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)]
-    try:
-        mounted = subprocess.run(mount, capture_output=True, check=False).returncode == 0
-    except FileNotFoundError:
-        mounted = False
-    if not mounted:
-        pytest.skip("no file system can be mounted here: a full disk cannot be tried")
-    yield folder
-    subprocess.run(["umount", str(folder)], check=True)
+    with needed.small_disk(folder, "64k"):
+        yield folder
 
 
 def names(folder: Path) -> list[str]:
