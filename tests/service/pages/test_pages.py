@@ -176,7 +176,7 @@ def test_the_live_edge_plays_to_the_end(chromium, tmp_path):
             total = page.evaluate(
                 "window.depthsrWatch.videos.result.getVideoPlaybackQuality().totalVideoFrames"
             )
-            assert 45 <= total <= 92  # it may jump to the edge where the machine is slow
+            assert total >= 45  # it may jump to the edge where the machine is slow
             assert _pixels(page).std() > 10
             assert page.locator("#name").inner_text() == "room"
 
