@@ -94,7 +94,9 @@ class Settings:
         None, "δ₀ of Eq. 7 (default: twice the noise)", unit="grey levels"
     )
     psf: str = setting(
-        "given", "take the PSF as given, or estimate it from the scene", choices=("given", "auto")
+        "given",
+        "take the PSF as given, as that of antialiased bicubic reduction, or estimate it",
+        choices=("given", "bicubic", "auto"),
     )
     psf_sigma: float | None = setting(
         None, "σ of the Gaussian PSF (default: K/2)", unit="HR pixels"
@@ -168,9 +170,12 @@ class Settings:
             "temporal", "warm with --realtime", self.temporal,
         )  # fmt: skip
         _check(
-            not (self.psf == "auto" and self.psf_sigma is not None),
-            "psf_sigma", "left out with --psf auto", sigma,
+            self.psf == "given" or sigma is None,
+            "psf_sigma", f"left out with --psf {self.psf}", sigma,
         )  # fmt: skip
+        if self.psf == "bicubic":
+            _check(support is None, "psf_support", "left out with --psf bicubic", support)
+            _check(self.solver == "fused", "solver", "fused with --psf bicubic", self.solver)
 
     @property
     def grid(self) -> Grid:

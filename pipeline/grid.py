@@ -63,6 +63,11 @@ class Grid:
         """HR y coordinate of the centre of LR row 0, HR pixels."""
         return 0.0 if self.sampling is Sampling.DECIMATION else (self.magnification_y - 1) / 2
 
+    @property
+    def largest(self) -> int:
+        """The larger K of the two axes."""
+        return max(self.magnification_x, self.magnification_y)
+
     def hr_shape(self, lr_shape: tuple[int, int]) -> tuple[int, int]:
         """Return the (height, width) of the HR image of an LR image of that shape."""
         return lr_shape[0] * self.magnification_y, lr_shape[1] * self.magnification_x

@@ -25,7 +25,7 @@ from pipeline.reconstruction.coverage import phase_coverage
 from pipeline.reconstruction.fused import FusedResult, FusedTuning, fuse, initial_estimate
 from pipeline.reconstruction.median import median_magnitude
 from pipeline.reconstruction.pocs import pocs
-from pipeline.reconstruction.psf import GaussianPsf, psf_axes, sampling_taps
+from pipeline.reconstruction.psf import BicubicPsf, GaussianPsf, Psf, psf_axes, sampling_taps
 from pipeline.reconstruction.system import simulate
 from pipeline.registration.layers import layer_labels, layer_thresholds
 from pipeline.registration.method import METHODS, Layout, RegistrationMethod
@@ -83,7 +83,7 @@ class RegisteredFrame:
     targets: tuple[str, ...]
     sources: tuple[str, ...]
     """Ids of the observed views."""
-    psf: GaussianPsf
+    psf: Psf
     noise: float
     """Standard deviation, grey levels."""
     registrations: Mapping[str, Sequence[ViewRegistration]]
@@ -110,7 +110,7 @@ def superresolve(
     *,
     targets: tuple[str, ...],
     observed_views: tuple[str, ...] | None = None,
-    psf: GaussianPsf | None = None,
+    psf: Psf | None = None,
     keep_intermediates: bool = False,
     stop: Callable[[], bool] | None = None,
     memory: Memory | None = None,
@@ -128,7 +128,7 @@ def superresolve(
         Reference views to reconstruct.
     observed_views : tuple of view ids, optional
         Views whose pixels may be used; default: all. Every target must be among them.
-    psf : GaussianPsf, optional
+    psf : GaussianPsf or BicubicPsf, optional
         The estimated PSF, where the settings say "auto" (see ``psf_search``).
     keep_intermediates : bool
         Whether the result carries what debug pictures need.
@@ -169,7 +169,7 @@ def register_frame(
     *,
     targets: tuple[str, ...],
     observed_views: tuple[str, ...] | None = None,
-    psf: GaussianPsf | None = None,
+    psf: Psf | None = None,
     keep_intermediates: bool = False,
     stop: Callable[[], bool] | None = None,
     memory: Memory | None = None,
@@ -204,7 +204,11 @@ def register_frame(
     if psf is None:
         if settings.psf == "auto":
             raise ConfigurationError("--psf auto: no estimate was made before the first frame")
-        psf = given_psf(settings)
+        psf = (
+            BicubicPsf(magnification=settings.grid.largest)
+            if settings.psf == "bicubic"
+            else given_psf(settings)
+        )
     method = chosen_method(settings)
     clock.done("preparation")
     with stoppable(stop):
@@ -409,9 +413,8 @@ class _Stages:
 
 
 def given_psf(settings: Settings) -> GaussianPsf:
-    """Return the PSF of the settings: as given, or half of K wide."""
-    grid = settings.grid
-    sigma = settings.psf_sigma or 0.5 * max(grid.magnification_x, grid.magnification_y)
+    """Return the Gaussian of the settings: as given, or half of K wide."""
+    sigma = settings.psf_sigma or 0.5 * settings.grid.largest
     return GaussianPsf.of(sigma, settings.psf_support)
 
 
@@ -562,7 +565,7 @@ def _reconstruct(
 
 def _solve(
     settings: Settings,
-    psf: GaussianPsf,
+    psf: Psf,
     noise: float,
     registered: Sequence[RegisteredView],
     grid: Grid,
@@ -683,7 +686,7 @@ def _chroma(
     settings: Settings,
     target: str,
     sources: Sequence[str],
-    psf: GaussianPsf,
+    psf: Psf,
 ) -> ChromaImage | None:
     """Return the colour of a reference view on the HR grid, None for grey input.
 

@@ -15,9 +15,10 @@ import numpy.typing as npt
 from pipeline.config import Settings
 from pipeline.degradation import Degradation, DegradedFrame
 from pipeline.evaluation.subjects import Subject
+from pipeline.reconstruction.psf import BicubicPsf
 
-CUBIC_A = -0.5
-"""Slope parameter of MATLAB's cubic kernel."""
+HALVING = BicubicPsf(magnification=2)
+"""The kernel, as a point spread function on the HR grid."""
 
 _FREQUENCIES = np.linspace(0, 0.5, 257)
 """Cycles per HR pixel."""
@@ -25,11 +26,7 @@ _FREQUENCIES = np.linspace(0, 0.5, 257)
 
 def halving_taps() -> npt.NDArray[np.float64]:
     """Return the 8 taps of the halving along one axis, unit sum, centred between HR pixels."""
-    x, a = np.abs(np.arange(8) - 3.5) / 2, CUBIC_A
-    inner = ((a + 2) * x - (a + 3)) * x * x + 1
-    outer = ((a * x - 5 * a) * x + 8 * a) * x - 4 * a
-    taps = np.where(x <= 1, inner, outer)
-    return np.asarray(taps / taps.sum())
+    return HALVING.taps_at(0.5)[1:]
 
 
 def halved(
@@ -63,16 +60,11 @@ def home_frame(subject: Subject, noise: float, seed: int = 1) -> DegradedFrame:
 
 
 def home_settings(settings: Settings) -> Settings:
-    """Return the settings for such a frame; the PSF is the Gaussian nearest to the kernel."""
+    """Return the settings for such a frame; the default is told the kernel, as SRMD is."""
     return replace(
-        settings, magnification="2", sampling="area", psf="given",
-        psf_sigma=gaussian_of_halving(), psf_support=None,
+        settings, magnification="2", sampling="area", psf="bicubic",
+        psf_sigma=None, psf_support=None,
     )  # fmt: skip
-
-
-def gaussian_of_halving() -> float:
-    """Return the σ whose Gaussian passes frequencies most as the halving does, HR pixels."""
-    return _nearest_sigma(np.ones_like(_FREQUENCIES), _passed_by_halving())
 
 
 def kernel_before_halving(sigma: float) -> float:

@@ -15,7 +15,7 @@ from pipeline.degradation import Degradation, DegradedFrame
 from pipeline.evaluate import BORDER, DEFAULT, SINGLE_VIEW, settings_of
 from pipeline.evaluation import vidsr
 from pipeline.evaluation.elements import Chapter
-from pipeline.evaluation.home_ground import gaussian_of_halving, home_frame, home_settings
+from pipeline.evaluation.home_ground import HALVING, home_frame, home_settings
 from pipeline.evaluation.methods import accounted, fidelity, timed_run
 from pipeline.evaluation.rivals import PEERS, Given, Peer, moved_half
 from pipeline.evaluation.subjects import Subject
@@ -155,7 +155,7 @@ def measure_peers(
                 continue
             note(f"{subject.name}, {kind.name}: {vidsr.NAME}")
             begin = time.perf_counter()
-            sigma = gaussian_of_halving() if kind.sigma is None else kind.sigma
+            sigma = HALVING.sigma if kind.sigma is None else kind.sigma
             picture, remark = vidsr.fused(degraded.frame, eye, sigma)
             if picture is None:
                 rows.append(_absent(subject, kind, vidsr.NAME, remark))

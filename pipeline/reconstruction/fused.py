@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from pipeline.frames import GreyImage, RegisteredView, Rejection
 from pipeline.grid import Grid
-from pipeline.reconstruction.psf import GaussianPsf, psf_taps, sampling_taps
+from pipeline.reconstruction.psf import Psf, psf_taps, sampling_taps
 from pipeline.reconstruction.system import HrImage, NormalEquations, sample, spline_coefficients
 
 IMPOSSIBLE = np.uint8(
@@ -155,7 +155,7 @@ def fuse(
     registered: Sequence[RegisteredView],
     grid: Grid,
     lr_shape: tuple[int, int],
-    psf: GaussianPsf,
+    psf: Psf,
     *,
     noise: float,
     residual_threshold: float,

@@ -20,7 +20,7 @@ from numba import njit
 
 from pipeline.frames import GreyImage, RegisteredView, Rejection, frozen
 from pipeline.grid import Grid
-from pipeline.reconstruction.psf import GaussianPsf
+from pipeline.reconstruction.psf import BicubicPsf, Psf
 
 SETTLED = 1e-3
 """Relative change of the RMS residual between sweeps below which POCS stops."""
@@ -94,8 +94,8 @@ def pocs(
     registered: Sequence[RegisteredView],
     grid: Grid,
     hr_shape: tuple[int, int],
-    psf_x: GaussianPsf | None,
-    psf_y: GaussianPsf | None,
+    psf_x: Psf | None,
+    psf_y: Psf | None,
     initial_estimate: GreyImage,
     *,
     sweeps: int,
@@ -230,9 +230,11 @@ class _Axis:
     """HR pixels on each side of the nearest one."""
 
     @classmethod
-    def of(cls, psf: GaussianPsf | None, magnification: int, offset: float, size: int) -> _Axis:
+    def of(cls, psf: Psf | None, magnification: int, offset: float, size: int) -> _Axis:
         if psf is None:
             falloff, reach = 0.0, 1
+        elif isinstance(psf, BicubicPsf):
+            raise ValueError("these projections see through a Gaussian; the fused solver need not")
         elif psf.sigma < NARROWEST:
             raise ValueError(f"a PSF of σ {psf.sigma} HR pixels falls between the pixels: use None")
         else:

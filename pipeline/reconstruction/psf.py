@@ -1,4 +1,4 @@
-"""The point spread function (PSF): a unit-sum Gaussian on the HR grid (thesis §3.1.1, §3.2).
+"""The point spread function (PSF): a unit-sum kernel on the HR grid (thesis §3.1.1, §3.2).
 
 Holds the PSF itself and the spline that lets one blur serve every sub-pixel
 position: instead of evaluating a K_psf × K_psf kernel for each LR pixel, the
@@ -59,6 +59,40 @@ class GaussianPsf:
         return float((self.taps_at(0.0) ** 2).sum() ** 2)
 
 
+@dataclass(frozen=True, kw_only=True)
+class BicubicPsf:
+    """What software that reduces pictures by antialiased bicubic interpolation sees through.
+
+    The cubic of Keys (1981) with a = −½, stretched by K: MATLAB's ``imresize``, Pillow,
+    FFmpeg's ``bicubic``. Unlike a Gaussian it has negative lobes and keeps more of what
+    the LR grid can hold.
+    """
+
+    magnification: int
+    """K, the factor that the picture was reduced by."""
+
+    @property
+    def support(self) -> int:
+        """HR pixels, odd: all that the stretched cubic reaches from between two pixels."""
+        return 4 * self.magnification + 1
+
+    @property
+    def sigma(self) -> float:
+        """σ of the Gaussian that passes frequencies most alike, HR pixels."""
+        return 0.4 * self.magnification
+
+    def taps_at(self, fraction: float) -> Taps:
+        """Return the unit-sum taps of a PSF centred ``fraction`` HR pixels right of the middle."""
+        x = np.abs(np.arange(self.support) - self.support // 2 - fraction) / self.magnification
+        inner = (1.5 * x - 2.5) * x * x + 1
+        outer = ((-0.5 * x + 2.5) * x - 4) * x + 2
+        taps = np.where(x <= 1, inner, np.where(x < 2, outer, 0.0))
+        return np.asarray(taps / taps.sum())
+
+
+Psf = GaussianPsf | BicubicPsf
+
+
 SPLINE_POLE = np.sqrt(8.0) - 3.0
 """Pole of the quadratic B-spline's interpolation prefilter (Unser 1999, Table 1)."""
 
@@ -96,7 +130,7 @@ class SeparableTaps:
     y: Taps
 
 
-def psf_axes(psf: GaussianPsf, grid: Grid) -> tuple[GaussianPsf | None, GaussianPsf | None]:
+def psf_axes(psf: Psf, grid: Grid) -> tuple[Psf | None, Psf | None]:
     """Return the PSF along x and along y: None, no blur, along an axis that is not enlarged.
 
     Side-by-side material is squeezed along x alone; along y its pixels are as they were.
@@ -107,13 +141,13 @@ def psf_axes(psf: GaussianPsf, grid: Grid) -> tuple[GaussianPsf | None, Gaussian
     )
 
 
-def psf_taps(psf: GaussianPsf, grid: Grid) -> SeparableTaps:
+def psf_taps(psf: Psf, grid: Grid) -> SeparableTaps:
     """Return the taps of the PSF along both axes, at whole HR positions."""
     x, y = (np.ones(1) if axis is None else axis.taps_at(0.0) for axis in psf_axes(psf, grid))
     return SeparableTaps(x=x, y=y)
 
 
-def sampling_taps(psf: GaussianPsf, grid: Grid) -> SeparableTaps:
+def sampling_taps(psf: Psf, grid: Grid) -> SeparableTaps:
     """Return the taps from an estimate to the spline coefficients that observations sample."""
     x, y = (
         coefficient_taps(np.ones(1) if axis is None else axis.taps_at(0.0))

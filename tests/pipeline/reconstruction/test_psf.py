@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from pipeline.degradation import gaussian_taps
 from pipeline.grid import Grid, Sampling
 from pipeline.reconstruction.psf import (
+    BicubicPsf,
     GaussianPsf,
     SeparableTaps,
     blur,
@@ -77,6 +81,36 @@ def test_energy_is_the_sum_of_squares_of_the_kernel_in_the_plane():
     psf = GaussianPsf(sigma=1.3, support=9)
     kernel = np.outer(psf.taps_at(0.0), psf.taps_at(0.0))
     assert psf.energy == pytest.approx((kernel**2).sum())
+
+
+# --- the PSF of antialiased bicubic reduction ---------------------------------------------
+
+
+@pytest.mark.parametrize("magnification", [2, 3, 4])
+def test_bicubic_reduction_is_seen_through_its_own_psf(magnification):
+    """Pillow's, which is somebody else's: an LR pixel covers K HR pixels, K even or odd."""
+    image = _image((12 * magnification, 17 * magnification))
+    small = np.asarray(
+        Image.fromarray(image).resize((17, 12), Image.Resampling.BICUBIC), dtype=np.float64
+    )
+    psf = BicubicPsf(magnification=magnification)
+    middle = (magnification - 1) / 2
+    nearest = math.floor(middle + 0.5)
+    taps = psf.taps_at(middle - nearest)
+    blurred = cv2.sepFilter2D(image, cv2.CV_64F, taps, taps, borderType=cv2.BORDER_REFLECT)
+    found = blurred[nearest::magnification, nearest::magnification]
+    np.testing.assert_allclose(found[3:-3, 3:-3], small[3:-3, 3:-3], atol=0.01)
+
+
+@pytest.mark.parametrize("magnification", [2, 3, 4])
+def test_its_sigma_is_that_of_the_gaussian_that_passes_frequencies_most_alike(magnification):
+    psf = BicubicPsf(magnification=magnification)
+    frequencies = np.linspace(0, 0.5, 257)
+    waves = np.cos(2 * np.pi * (np.arange(psf.support) - psf.support // 2)[:, None] * frequencies)
+    passed = psf.taps_at(0.0) @ waves
+    sigmas = np.arange(0.3, 2.5, 0.01)
+    off = [((np.exp(-2 * (np.pi * s * frequencies) ** 2) - passed) ** 2).sum() for s in sigmas]
+    assert sigmas[int(np.argmin(off))] == pytest.approx(psf.sigma, rel=0.03)
 
 
 # --- the spline's prefilter --------------------------------------------------------------
