@@ -86,7 +86,8 @@ def _add_all(protocols: Any) -> None:
         "all",
         help="measure everything on some scenes, and write a report",
         description="Measure everything on the scenes, each table and figure of the thesis among "
-        "it, and write a report that stands alone (index.html), with its numbers as JSON and CSV.",
+        "it, and write a report that stands alone (index.html), its text as Markdown, its numbers "
+        "as JSON and CSV.",
     )
     parser.add_argument(
         "scenes", nargs="+", metavar="SCENE",

@@ -1,4 +1,4 @@
-"""The report of an evaluation: one page that stands alone, and its numbers as JSON and CSV."""
+"""The report of an evaluation: one page that stands alone, and its numbers for other programs."""
 
 from __future__ import annotations
 
@@ -260,7 +260,13 @@ class Origin:
 
 
 def write_report(folder: Path, chapters: Sequence[Chapter], origin: Origin) -> list[Path]:
-    """Write ``index.html``, ``report.json`` and a CSV file for each table; return the paths."""
+    """Write ``index.html``, ``report.md``, ``report.json`` and a CSV file for each table.
+
+    Returns
+    -------
+    list of Path
+        In that order.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for chapter in chapters:
@@ -283,7 +289,29 @@ def write_report(folder: Path, chapters: Sequence[Chapter], origin: Origin) -> l
     write_atomic(path, strict_json(record).encode())
     page = folder / "index.html"
     write_atomic(page, report_page(chapters, origin).encode())
-    return [page, path, *written]
+    text = folder / "report.md"
+    write_atomic(text, report_text(chapters, origin).encode())
+    return [page, text, path, *written]
+
+
+def report_text(chapters: Sequence[Chapter], origin: Origin) -> str:
+    """Return questions, answers and tables as Markdown; pictures are left to the page."""
+    lines = [
+        f"# {TITLE}", "",
+        f"{_when(origin)} with `{origin.command}`. {origin.machine}.",
+    ]  # fmt: skip
+    for chapter in chapters:
+        lines += ["", f"## {chapter.title}", "", f"*{chapter.question}*", ""]
+        lines += [f"- {sentence}" for sentence in chapter.answer]
+        for title, table in chapter.tables:
+            if table.rows:
+                lines += ["", f"**{title}**", "", table.as_markdown()]
+    return "\n".join(lines) + "\n"
+
+
+def _when(origin: Origin) -> str:
+    day = datetime.now(UTC).date().isoformat()
+    return f"Measured on {day} in {origin.seconds / 60:.0f} min"
 
 
 def report_page(chapters: Sequence[Chapter], origin: Origin) -> str:

@@ -54,11 +54,15 @@ def test_the_page_needs_nothing_else():
 
 def test_numbers_are_kept_as_json_and_csv(tmp_path):
     written = write_report(tmp_path / "report", [_chapter()], ORIGIN)
-    assert [path.name for path in written] == ["index.html", "report.json", "made-1.csv"]
-    record = json.loads(written[1].read_text(encoding="utf-8"))
+    names = [path.name for path in written]
+    assert names == ["index.html", "report.md", "report.json", "made-1.csv"]
+    text = written[1].read_text(encoding="utf-8")
+    assert "- It is & stays so.\n" in text
+    assert "\n| a | b |\n| --- | --: |\n| x, y | 1.5 |\n" in text
+    record = json.loads(written[2].read_text(encoding="utf-8"))
     assert record["format"] == "depthsr-evaluation/1"
     assert record["chapters"]["made"] == {"answer": ["It is & stays so."], "value": None}
-    with written[2].open(encoding="utf-8", newline="") as stream:
+    with written[3].open(encoding="utf-8", newline="") as stream:
         assert list(csv.reader(stream)) == [["a", "b"], ["x, y", "1.5"]]
 
 
