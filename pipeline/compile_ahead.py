@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pipeline.config import REGISTRATION_PRESETS, Settings, Solver
-from pipeline.psf_search import search_psf
-from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.superresolve import superresolve
 from pipeline.synthetic import SampleScene
 
@@ -25,8 +23,6 @@ def kinds_of_settings() -> dict[str, Settings]:
     kinds["magnification 2x1"] = Settings(magnification="2x1")
     kinds["magnification 3, decimation"] = Settings(magnification="3", sampling="decimation")
     kinds["colour"] = Settings(chroma="sr")
-    kinds["PSF estimation"] = Settings(psf="auto")
-    kinds["PSF estimation per layer"] = Settings(psf="auto", psf_per_layer=True)
     return kinds
 
 
@@ -44,13 +40,8 @@ def compile_kernels(on_step: Callable[[str], None] = lambda _: None) -> int:
     kinds = kinds_of_settings()
     for name, settings in kinds.items():
         on_step(name)
-        psf = None
-        if settings.psf == "auto":
-            curve = search_psf(frame, settings)[0]
-            psf = GaussianPsf.of(curve.sigma, curve.support)
         superresolve(
-            frame, settings,
-            targets=(frame.left, frame.right), psf=psf, keep_intermediates=True,
+            frame, settings, targets=(frame.left, frame.right), keep_intermediates=True
         )  # fmt: skip
     on_step("a single view")
     superresolve(frame, Settings(), targets=(frame.left,), observed_views=(frame.left,))

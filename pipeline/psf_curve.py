@@ -16,8 +16,9 @@ class PsfCurve:
     view_id: str
     sigmas: tuple[float, ...]
     """The σ tried, HR pixels, increasing."""
-    errors: tuple[float, ...]
-    """Root mean squared error of the prediction at each σ, grey levels; NaN where it failed."""
+    misfits: tuple[float, ...]
+    """How much less likely each σ makes the edges' widths than the best one does: difference of
+    the logarithm of the likelihood, per edge, ≥ 0; NaN where nothing was measured."""
     sigma: float
     """The σ chosen, HR pixels; may lie between two that were tried."""
     support: int
@@ -28,8 +29,8 @@ class PsfCurve:
     """Why the views could not tell and σ is an assumption; empty where they could."""
 
     def __post_init__(self) -> None:
-        if len(self.sigmas) != len(self.errors) or not self.sigmas:
-            raise ConfigurationError("a PSF curve needs one error for each σ tried")
+        if len(self.sigmas) != len(self.misfits) or not self.sigmas:
+            raise ConfigurationError("a PSF curve needs one misfit for each σ tried")
 
     @property
     def title(self) -> str:
@@ -45,11 +46,11 @@ def format_psf(curves: Sequence[PsfCurve]) -> str:
         lines.append(curve.title)
         if curve.remark:
             lines.append(curve.remark)
-        lines.append("     σ   error")
+        lines.append("     σ  misfit")
         chosen = min(curve.sigmas, key=lambda sigma: abs(sigma - curve.sigma))
-        for sigma, error in zip(curve.sigmas, curve.errors, strict=True):
+        for sigma, misfit in zip(curve.sigmas, curve.misfits, strict=True):
             mark = "  ←" if sigma == chosen else ""
-            lines.append(f"{sigma:6.2f}  {error:6.3f}{mark}")
+            lines.append(f"{sigma:6.2f}  {misfit:6.3f}{mark}")
     return "\n".join(lines)
 
 
@@ -60,10 +61,10 @@ def psf_picture(curves: Sequence[PsfCurve]) -> drawing.Canvas:
             [
                 drawing.curve_plot(
                     curve.sigmas,
-                    curve.errors,
+                    curve.misfits,
                     title=curve.title,
                     x_label="σ of the PSF, HR pixels",
-                    y_label="error of prediction, grey levels",
+                    y_label="misfit per edge, log of the likelihood",
                     marked=curve.sigma,
                 )
                 for curve in curves

@@ -1,75 +1,66 @@
-"""Estimating the PSF: scan σ, and see which predicts pixels that were held back.
+"""Estimating the PSF: σ is the width of the sharpest edges of the picture.
 
-Thesis §3.2 (PSF estimation) takes the σ whose result is "most plausible". Measured here
-(not in the thesis): the reference view is reconstructed at each σ from itself and half of
-the other views, and the pixels of the other half are predicted from it. The prediction
-error is least near the true σ, or below it: a result smoothed by the prior needs less
-blur to explain the pictures. A weak prior keeps that small.
+Thesis §3.2 (PSF estimation) takes the σ whose result is "most plausible". Here (not in the
+thesis) a plausible result is one with steps in it: an edge of the scene is as wide as the
+PSF, or wider where it was soft itself, and the sharpest ones are steps. So the clean edges of
+the left view are measured in the pixels of all views (see ``edge_widths``), and σ is the
+width at which their distribution begins: the squared width of an edge is σ² and an excess of
+its own, which is exponentially distributed, is measured with a known error, and a few edges
+are no edges but lines.
 
-One view alone cannot tell its PSF: any σ explains it, with another picture behind it.
+What was tried before, the prediction of held-out pixels from reconstructions at many σ, tells
+the width of the picture's spectrum: too large a σ for a soft picture, too small a one for a
+crisp one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import minimize_scalar
+from scipy.special import log_ndtr
 
 from pipeline.config import Settings
-from pipeline.frames import MultiViewFrame, RegisteredView
-from pipeline.grid import Grid
+from pipeline.edge_widths import EdgeWidths, measure_edges
+from pipeline.frames import MultiViewFrame
 from pipeline.noise import estimate_noise_of_views
 from pipeline.psf_curve import PsfCurve
-from pipeline.reconstruction.fused import FusedTuning, fuse
-from pipeline.reconstruction.psf import GaussianPsf, sampling_taps
-from pipeline.reconstruction.system import simulate
+from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.registration.layers import layer_labels, layer_thresholds
 from pipeline.registration.register import Thresholds, prepare_views, register_views
-from pipeline.superresolve import (
-    chosen_method,
-    default_residual_threshold,
-    default_weight_threshold,
-    given_psf,
-)
+from pipeline.superresolve import chosen_method, default_weight_threshold, given_psf
 from pipeline.threads import set_threads
 
-SIGMAS = tuple(0.25 * 1.19**step for step in range(10))
+SIGMAS = tuple(0.25 * 1.1**step for step in range(18))
 """The σ tried, in units of K."""
 
-LARGEST_SIDE = 240
-"""Only the middle of the picture is scanned, at most so many LR pixels wide and high."""
+WIDEST = 1.5
+"""Edges wider than that, in units of K, say nothing of the PSF."""
+
+LINES = 0.05
+"""Share of edges that are none, and may have any width."""
+
+SPREAD = 0.04
+"""Standard deviation of widths beyond their errors, in units of K: no edge is a perfect step."""
+
+EXCESSES = tuple(0.02 * 1.4**step for step in range(13))
+"""Mean excesses of the squared width that are tried, in units of K²."""
 
 NUM_LAYERS = 3
 """Depth layers with a PSF of their own, unless the settings say otherwise."""
 
-FEWEST_PIXELS = 2000
-"""Held-out pixels below which a curve is not believed."""
+FEWEST_EDGES = 20
+"""Clean edges below which a curve is not believed."""
 
-FLAT = 0.01
-"""Rise of the error over the curve, as a share, below which the curve says nothing."""
-
-LARGEST_ERROR = 20.0
-"""Prediction errors are cut off here, grey levels."""
-
-PRIOR = (0.003, 0.008, 4.0)
-"""Prior of the scan: constant, factor and power of the noise. Found on the rendered scene and
-on two real ones at noise 0, 1 and 2: a stronger prior gives too small a σ, a weaker one, which
-lets noise into the prediction, too large a one."""
-
-
-def _tuning(noise: float) -> FusedTuning:
-    """Return the solver's constants for the scan: brought to convergence."""
-    constant, factor, power = PRIOR
-    return FusedTuning(
-        prior_strength=constant + factor * noise**power, prior_noise_power=0.0, settled=0.05,
-        alone=(2, 12), together=(2, 12),
-    )  # fmt: skip
+APART, TOLD = 1.2, 2.0
+"""Factor on σ either way that the edges have to tell from the best, by so much of the logarithm
+of the likelihood."""
 
 
 def search_psf(frame: MultiViewFrame, settings: Settings) -> tuple[PsfCurve, ...]:
-    """Return the curve of prediction errors over σ, and the σ it tells.
+    """Return how well each σ explains the edges' widths, and the σ they tell.
 
     Parameters
     ----------
@@ -92,9 +83,9 @@ def search_psf(frame: MultiViewFrame, settings: Settings) -> tuple[PsfCurve, ...
     if noise is None:
         noise = estimate_noise_of_views(frame.views)
     default = given_psf(replace(settings, psf="given"))
-    sigmas = tuple(float(sigma * max(_magnifications(settings.grid))) for sigma in SIGMAS)
+    unit = settings.grid.largest
     if len(ids) < 2:
-        return (_unknown(target, sigmas, default, "one view alone cannot tell its PSF"),)
+        return (_unknown(target, unit, default, "one view alone cannot tell its PSF"),)
     prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
     found = register_views(
         prepared, [target], ids, chosen_method(settings), noise=noise,
@@ -103,150 +94,94 @@ def search_psf(frame: MultiViewFrame, settings: Settings) -> tuple[PsfCurve, ...
             depth=settings.depth_threshold,
         ),
     )[target]  # fmt: skip
-    shape = frame.view(target).luma.shape
-    views, lr_shape = _middle([item.registered for item in found], (shape[0], shape[1]))
-    layers = None
+    edges = measure_edges([item.registered for item in found], settings.grid, noise)
+    curves = [_curve(target, None, edges, unit, settings, default)]
     if settings.psf_per_layer:
-        count = settings.layers or NUM_LAYERS
-        layers = {}
-        for view_id, view in prepared.items():
-            nearness = view.levels[0].nearness
-            layers[view_id] = layer_labels(nearness, layer_thresholds(nearness, count))
-    return _scan(views, lr_shape, settings, noise, sigmas, layers, target, default)
-
-
-def _magnifications(grid: Grid) -> tuple[int, int]:
-    return grid.magnification_x, grid.magnification_y
-
-
-def _middle(
-    views: Sequence[RegisteredView], lr_shape: tuple[int, int]
-) -> tuple[list[RegisteredView], tuple[int, int]]:
-    """Return the views as registered onto the middle of the reference, and its shape."""
-    rows, columns = (min(side, LARGEST_SIDE) for side in lr_shape)
-    top, left = (lr_shape[0] - rows) // 2, (lr_shape[1] - columns) // 2
-    origin = np.array([left, top], np.float32)
-    moved = []
-    for view in views:
-        if view.is_reference:
-            inner = (slice(top, top + rows), slice(left, left + columns))
-            moved.append(
-                replace(
-                    view,
-                    observed=view.observed[inner],
-                    position=view.position[inner] - origin,
-                    registration_weights=view.registration_weights[inner],
-                    flags=view.flags[inner],
-                    confidence=view.confidence[inner],
-                )
-            )
-        else:
-            moved.append(replace(view, position=view.position - origin))
-    return moved, (rows, columns)
-
-
-def _reconstructed(
-    views: Sequence[RegisteredView],
-    lr_shape: tuple[int, int],
-    settings: Settings,
-    noise: float,
-    psf: GaussianPsf,
-) -> npt.NDArray[np.float32]:
-    threshold = settings.residual_threshold or default_residual_threshold(noise)
-    return fuse(
-        views,
-        settings.grid,
-        lr_shape,
-        psf,
-        noise=noise,
-        residual_threshold=threshold,
-        tuning=_tuning(noise),
-    ).estimate  # fmt: skip
-
-
-def _predicted(
-    estimate: npt.NDArray[np.float32], view: RegisteredView, grid: Grid, psf: GaussianPsf
-) -> npt.NDArray[np.float32]:
-    x, y = (np.ascontiguousarray(axis) for axis in grid.to_hr(view.position))
-    return simulate(estimate, sampling_taps(psf, grid), x, y)
-
-
-def _scan(
-    views: Sequence[RegisteredView],
-    lr_shape: tuple[int, int],
-    settings: Settings,
-    noise: float,
-    sigmas: tuple[float, ...],
-    layers: dict[str, npt.NDArray[np.int32]] | None,
-    target: str,
-    default: GaussianPsf,
-) -> tuple[PsfCurve, ...]:
-    """Return the curves of one set of pictures."""
-    others = [view for view in views if not view.is_reference]
-    held_out = others[::2]
-    kept = [view for view in views if not any(view is other for other in held_out)]
-    num_layers = 1 + max(int(labels.max()) for labels in layers.values()) if layers else 0
-    sums = np.zeros((1 + num_layers, len(sigmas)))
-    counts = np.zeros((1 + num_layers, len(sigmas)))
-    for column, sigma in enumerate(sigmas):
-        psf = GaussianPsf.of(sigma, settings.psf_support)
-        estimate = _reconstructed(kept, lr_shape, settings, noise, psf)
-        for view in held_out:
-            error = _predicted(estimate, view, settings.grid, psf) - view.observed
-            good = np.isfinite(error) & (view.flags == 0)
-            square = np.minimum(np.nan_to_num(error) ** 2, LARGEST_ERROR**2)
-            sums[0, column] += square[good].sum()
-            counts[0, column] += good.sum()
-            for layer in range(num_layers):
-                inside = good & (layers[view.view_id] == layer) if layers else good
-                sums[1 + layer, column] += square[inside].sum()
-                counts[1 + layer, column] += inside.sum()
-    with np.errstate(invalid="ignore", divide="ignore"):
-        errors = np.sqrt(sums / counts)
-    return tuple(
-        _curve(target, None if row == 0 else row - 1, sigmas, errors[row], counts[row],
-               settings, default)
-        for row in range(1 + num_layers)
-    )  # fmt: skip
+        nearness = prepared[target].levels[0].nearness
+        labels = layer_labels(nearness, layer_thresholds(nearness, settings.layers or NUM_LAYERS))
+        at_edges = labels[edges.row, edges.column]
+        curves += [
+            _curve(target, layer, edges.chosen(at_edges == layer), unit, settings, default)
+            for layer in range(1 + int(labels.max()))
+        ]
+    return tuple(curves)
 
 
 def _curve(
     target: str,
     layer: int | None,
-    sigmas: tuple[float, ...],
-    errors: npt.NDArray[np.float64],
-    counts: npt.NDArray[np.float64],
+    edges: EdgeWidths,
+    unit: int,
     settings: Settings,
     default: GaussianPsf,
 ) -> PsfCurve:
     """Return one curve: σ at its lowest point, or the default where it tells nothing."""
-    remark = ""
-    if counts.min() < FEWEST_PIXELS:
-        remark = "too few pixels of other views can be trusted to tell the PSF"
-    elif not np.isfinite(errors).all() or np.ptp(errors) < FLAT * errors.min():
-        remark = "every σ predicts the other views alike: they cannot tell the PSF"
-    best = int(np.argmin(np.nan_to_num(errors, nan=np.inf)))
-    if not remark and best in (0, len(sigmas) - 1):
-        remark = f"the best σ lies beyond the range tried ({sigmas[0]:.2f} to {sigmas[-1]:.2f})"
-    if remark:
-        return replace(
-            _unknown(target, sigmas, default, remark),
-            errors=tuple(float(error) for error in errors), layer=layer,
-        )  # fmt: skip
-    left, middle, right = errors[best - 1 : best + 2] ** 2
-    bend = left - 2 * middle + right
-    offset = 0.5 * (left - right) / bend if bend > 0 else 0.0
-    ratio = sigmas[1] / sigmas[0]
-    sigma = float(sigmas[best] * ratio**offset)
+    sigmas = unit * np.array(SIGMAS)
+    edges = edges.chosen(edges.width < WIDEST * unit)
+    count = edges.width.size
+    if count < FEWEST_EDGES:
+        reason = f"only {count} clean edges are seen by several views, too few to tell the PSF"
+        return _unknown(target, unit, default, reason, layer=layer)
+    costs = np.array([_cost(sigma, edges, unit) for sigma in sigmas])
+    best = int(np.argmin(costs))
+    if best in (0, sigmas.size - 1):
+        reason = f"the best σ lies beyond the range tried ({sigmas[0]:.2f} to {sigmas[-1]:.2f})"
+        return _unknown(target, unit, default, reason, layer=layer, misfits=costs - costs.min())
+    found = minimize_scalar(
+        _cost, args=(edges, unit), bounds=(sigmas[best - 1], sigmas[best + 1]), method="bounded"
+    )
+    sigma, least = (found.x, found.fun) if found.fun < costs[best] else (sigmas[best], costs[best])
+    misfits = costs - least
+    beside = min(_cost(APART * sigma, edges, unit), _cost(sigma / APART, edges, unit)) - least
+    if count * beside < TOLD:
+        reason = "the edges fit every σ alike: they cannot tell the PSF"
+        return _unknown(target, unit, default, reason, layer=layer, misfits=misfits)
     return PsfCurve(
-        view_id=target, sigmas=sigmas, errors=tuple(float(error) for error in errors),
-        sigma=sigma, support=GaussianPsf.of(sigma, settings.psf_support).support, layer=layer,
+        view_id=target, sigmas=tuple(sigmas.tolist()), misfits=tuple(misfits.tolist()),
+        sigma=float(sigma), support=GaussianPsf.of(sigma, settings.psf_support).support,
+        layer=layer,
     )  # fmt: skip
 
 
-def _unknown(target: str, sigmas: tuple[float, ...], default: GaussianPsf, reason: str) -> PsfCurve:
+def _cost(sigma: float, edges: EdgeWidths, unit: int) -> float:
+    """Return minus the mean logarithm of the likelihood of the edges' widths, the best excess."""
+    square = edges.width**2
+    error = 2 * edges.width * np.hypot(edges.error, SPREAD * unit)
+    of_lines = np.log(LINES / (WIDEST * unit) ** 2)
+    return float(
+        min(
+            -np.logaddexp(
+                np.log1p(-LINES) + _log_density(square - sigma**2, error, excess * unit**2),
+                of_lines,
+            ).mean()
+            for excess in EXCESSES
+        )
+    )
+
+
+def _log_density(
+    value: npt.NDArray[np.float64], error: npt.NDArray[np.float64], mean: float
+) -> npt.NDArray[np.float64]:
+    """Return the log density of an exponential variable plus a normal one of deviation error."""
+    return np.asarray(
+        log_ndtr(value / error - error / mean)
+        + 0.5 * (error / mean) ** 2 - value / mean - np.log(mean)
+    )  # fmt: skip
+
+
+def _unknown(
+    target: str,
+    unit: int,
+    default: GaussianPsf,
+    reason: str,
+    *,
+    layer: int | None = None,
+    misfits: npt.NDArray[np.float64] | None = None,
+) -> PsfCurve:
+    unknown = np.full(len(SIGMAS), np.nan)
     return PsfCurve(
-        view_id=target, sigmas=sigmas, errors=(float("nan"),) * len(sigmas),
-        sigma=default.sigma, support=default.support,
+        view_id=target, sigmas=tuple(unit * sigma for sigma in SIGMAS),
+        misfits=tuple((unknown if misfits is None else misfits).tolist()),
+        sigma=default.sigma, support=default.support, layer=layer,
         remark=f"PSF: {reason}; σ {default.sigma:g} is assumed",
     )  # fmt: skip

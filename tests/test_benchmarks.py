@@ -21,7 +21,7 @@ from pipeline.config import Settings
 from pipeline.evaluation import cells as set1
 from pipeline.evaluation import floors as quality_floors
 from pipeline.evaluation import rendered
-from pipeline.evaluation.floors import RenderedCase, Set1Cell
+from pipeline.evaluation.floors import PsfEstimate, RenderedCase, Set1Cell
 from pipeline.evaluation.methods import middle_views
 from pipeline.evaluation.tables import Table, signed
 from pipeline.synthetic import SampleScene
@@ -108,6 +108,19 @@ def test_floors_of_set1():
     assert missed(_cell("x", pocs_simplified=34.21)) == [8]
     worst = quality_floors.set1_floors([*cells, _cell("x", bicubic=33.5)])[0].measured
     assert worst == "worst +0.50 dB (x σ 1 noise 2); 1 of 21 cells miss it"
+
+
+def test_floors_of_the_estimated_psf():
+    near = PsfEstimate(
+        scene="flower", true_sigma=1.0, noise=2.0, sigma=1.1, true_psnr=35.0, psnr=34.8, remark=""
+    )
+    far, dear = replace(near, scene="x", sigma=0.8), replace(near, scene="y", psnr=34.5)
+    says = "PSF: one view alone cannot tell its PSF; σ 1 is assumed"
+    assert _words(quality_floors.psf_floors([near], says)) == ["met"] * 3
+    verdicts = quality_floors.psf_floors([near, far, dear], "")
+    assert _words(verdicts) == ["not met"] * 3
+    assert verdicts[0].measured == "worst -0.20 px (x σ 1 noise 2)"
+    assert verdicts[1].measured == "worst 0.50 dB (y σ 1 noise 2)"
 
 
 def test_floors_of_the_rendered_scene():

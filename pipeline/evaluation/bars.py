@@ -8,13 +8,19 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.config import Settings
+from pipeline.degradation import Degradation
 from pipeline.errors import ConfigurationError
 from pipeline.evaluation import cells, rendered
-from pipeline.evaluation.floors import Verdict, rendered_floors, set1_floors
+from pipeline.evaluation.floors import Verdict, psf_floors, rendered_floors, set1_floors
+from pipeline.evaluation.sensitivity import measure_estimate, remark_of_one_view
+from pipeline.evaluation.subjects import SAMPLE, open_subject
 from pipeline.report import versions
 
 FORMAT = "depthsr-bars/1"
 """Value of the key ``format`` of the JSON file."""
+
+PSF_SCENES = ("lytro_2067", "flower", SAMPLE)
+"""Scenes that have to tell their PSF."""
 
 
 def measure_bars(
@@ -24,6 +30,7 @@ def measure_bars(
     note: Callable[[str], None] = lambda _: None,
     scenes: Sequence[str] = cells.SCENES,
     cases: Sequence[rendered.Case] = rendered.CASES,
+    psf_scenes: Sequence[str] = PSF_SCENES,
 ) -> list[Verdict]:
     """Return a verdict for each bar; aims, which are no bars, are left out.
 
@@ -52,7 +59,21 @@ def measure_bars(
     for case in cases:
         measured = rendered.measure_case(case, case.scene(), settings, note)
         verdicts += rendered_floors(measured.judged, case.counts)
+    verdicts += _psf_verdicts(folder, settings, psf_scenes, note)
     return [verdict for verdict in verdicts if not verdict.floor.startswith("aim:")]
+
+
+def _psf_verdicts(
+    folder: Path, settings: Settings, scenes: Sequence[str], note: Callable[[str], None]
+) -> list[Verdict]:
+    found = []
+    subjects = [open_subject(s if s == SAMPLE else str(folder / s), settings) for s in scenes]
+    for subject in subjects:
+        for sigma, noise in cells.conditions():
+            note(f"{subject.name}, σ_psf {sigma:g}, noise {noise:g}, estimated")
+            degradation = Degradation(psf_sigma=sigma, noise_sigma=noise)
+            found.append(measure_estimate(subject, degradation))
+    return psf_floors(found, remark_of_one_view(subjects[0], degradation))
 
 
 def bars_record(verdicts: Sequence[Verdict]) -> dict[str, Any]:

@@ -34,6 +34,9 @@ LOSS, RENDERED_OVER_SINGLE = 0.6, 3.0
 MEDIAN_ERROR, ERROR_95, WRONG_SHARE = 0.02, 0.25, 0.01
 """Rendered scene: largest end-point errors, LR pixels; share of verified pixels that is wrong."""
 
+PSF_OFF, PSF_LOSS = 0.15, 0.4
+"""``--psf auto``: largest distance from the true σ, HR pixels; largest loss against it, dB."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
@@ -165,6 +168,73 @@ def _in_every_cell(floor: str, gains: Mapping[str, float], limit: float, said: s
     if missed:
         measured += f"; {missed} of {len(gains)} cells miss it"
     return Verdict(floor=floor, measured=measured, met=missed == 0)
+
+
+# --- the PSF that the scene tells --------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class PsfEstimate:
+    """What ``--psf auto`` finds at one true σ and one noise, and what it costs; the left eye."""
+
+    scene: str
+    true_sigma: float
+    """HR pixels."""
+    noise: float
+    """Grey levels."""
+    sigma: float
+    """Found, HR pixels."""
+    true_psnr: float
+    """With the true PSF, dB."""
+    psnr: float
+    """With the one found, dB."""
+    remark: str
+    """Of the search; empty where the views could tell."""
+
+    @property
+    def off(self) -> float:
+        """Found less true σ, HR pixels."""
+        return self.sigma - self.true_sigma
+
+    @property
+    def loss(self) -> float:
+        """What the estimate costs against the true PSF, dB."""
+        return self.true_psnr - self.psnr
+
+    @property
+    def name(self) -> str:
+        """Scene, σ_psf and noise in a few letters."""
+        return f"{self.scene} σ {self.true_sigma:g} noise {self.noise:g}"
+
+    @property
+    def met(self) -> bool:
+        """Whether the estimate is near enough in σ and in PSNR."""
+        return abs(self.off) <= PSF_OFF and self.loss <= PSF_LOSS
+
+
+def psf_floors(estimates: Sequence[PsfEstimate], of_one_view: str) -> list[Verdict]:
+    """Return the floors of the estimated PSF, the worst case named.
+
+    ``of_one_view`` is what the search remarked when it was given one view alone.
+    """
+    farthest = max(estimates, key=lambda item: abs(item.off))
+    dearest = max(estimates, key=lambda item: item.loss)
+    return [
+        Verdict(
+            floor=f"--psf auto: within {PSF_OFF:g} HR px of the true σ",
+            measured=f"worst {signed(farthest.off)} px ({farthest.name})",
+            met=abs(farthest.off) <= PSF_OFF,
+        ),
+        Verdict(
+            floor=f"--psf auto: loss to the true PSF ≤ {PSF_LOSS:g} dB",
+            measured=f"worst {number(dearest.loss)} dB ({dearest.name})",
+            met=dearest.loss <= PSF_LOSS,
+        ),
+        Verdict(
+            floor="--psf auto: one view alone says that it cannot tell",
+            measured=of_one_view, met="one view alone" in of_one_view,
+        ),
+    ]  # fmt: skip
 
 
 # --- how good: the rendered scene ------------------------------------------------------------

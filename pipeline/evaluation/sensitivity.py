@@ -11,9 +11,10 @@ import numpy.typing as npt
 from pipeline import drawing
 from pipeline.config import Settings
 from pipeline.debug_pictures import crops_picture
-from pipeline.degradation import Degradation
+from pipeline.degradation import Degradation, DegradedFrame
 from pipeline.evaluate import BORDER, settings_of
 from pipeline.evaluation.elements import Chapter, Figure
+from pipeline.evaluation.floors import PSF_LOSS, PSF_OFF, PsfEstimate
 from pipeline.evaluation.plots import lines, png
 from pipeline.evaluation.subjects import Subject
 from pipeline.evaluation.tables import Table, number, signed
@@ -26,9 +27,6 @@ FACTORS = (0.5, 0.7, 0.85, 1.0, 1.15, 1.35, 1.6)
 
 SUPPORTS = (3, 5, 7, 9, 11)
 """Assumed supports, HR pixels; the true one is among them."""
-
-SIGMA_OFF, LOSS = 0.15, 0.4
-"""Bars of the estimate: distance from the true σ, HR pixels; loss against the true PSF, dB."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,28 +43,40 @@ class SigmaCurve:
     supports: tuple[int, ...]
     psnr_of_supports: tuple[float, ...]
     """At the true σ, dB."""
-    estimate: float
-    """σ that ``--psf auto`` finds."""
-    psnr_of_estimate: float
-    """dB."""
-    remark: str
-    """Of the search; empty where the views could tell."""
+    found: PsfEstimate
+    """What the scene itself tells."""
 
-    @property
-    def true_psnr(self) -> float:
-        """With the true σ, dB."""
-        nearest = min(range(len(self.sigmas)), key=lambda n: abs(self.sigmas[n] - self.true_sigma))
-        return self.psnr[nearest]
 
-    @property
-    def loss(self) -> float:
-        """What the estimate costs against the true PSF, dB."""
-        return self.true_psnr - self.psnr_of_estimate
+def measure_estimate(subject: Subject, degradation: Degradation) -> PsfEstimate:
+    """Return what ``--psf auto`` finds, and how good the left eye is with it.
 
-    @property
-    def meets_the_bars(self) -> bool:
-        """Whether the estimate is near enough in σ and in PSNR."""
-        return abs(self.estimate - self.true_sigma) <= SIGMA_OFF and self.loss <= LOSS
+    The support is that of the degradation, and given.
+    """
+    degraded = subject.degraded(degradation)
+    base = settings_of(degradation, subject.settings)
+    found = search_psf(degraded.frame, replace(base, psf="auto", psf_sigma=None))[0]
+    left = subject.eyes[0]
+    true_psnr, of_found = (
+        psnr(_eight_bit(degraded, settings, left), degraded.truth[left], border=BORDER)
+        for settings in (base, replace(base, psf_sigma=found.sigma))
+    )
+    return PsfEstimate(
+        scene=subject.name, true_sigma=degradation.psf_sigma, noise=degradation.noise_sigma,
+        sigma=found.sigma, true_psnr=true_psnr, psnr=of_found, remark=found.remark,
+    )  # fmt: skip
+
+
+def remark_of_one_view(subject: Subject, degradation: Degradation) -> str:
+    """Return what the search for the PSF says of the left view alone."""
+    frame = subject.degraded(degradation).frame
+    alone = replace(frame, views=(frame.view(subject.eyes[0]),))
+    settings = replace(settings_of(degradation, subject.settings), psf="auto", psf_sigma=None)
+    return search_psf(alone, settings)[0].remark
+
+
+def _eight_bit(degraded: DegradedFrame, settings: Settings, eye: str) -> npt.NDArray[np.float32]:
+    result = superresolve(degraded.frame, settings, targets=(eye,))
+    return np.clip(np.rint(result.images[eye].luma), 0, 255)
 
 
 def measure_curve(
@@ -85,8 +95,7 @@ def measure_curve(
     pictures: dict[str, npt.NDArray] = {}
 
     def measured(settings: Settings, name: str | None = None) -> float:
-        result = superresolve(degraded.frame, settings, targets=(left,))
-        eight_bit = np.clip(np.rint(result.images[left].luma), 0, 255)
+        eight_bit = _eight_bit(degraded, settings, left)
         if name is not None:
             pictures[name] = eight_bit
         return psnr(eight_bit, truth, border=BORDER)
@@ -99,10 +108,6 @@ def measure_curve(
         values.append(measured(replace(base, psf_sigma=factor * sigma), shown))
     of_supports = [measured(replace(base, psf_support=support)) for support in supports]
     note(f"{subject.name}: true σ_psf {sigma:g}, estimated")
-    found = search_psf(degraded.frame, replace(base, psf="auto", psf_sigma=None, psf_support=None))[
-        0
-    ]
-    estimate = replace(base, psf_sigma=found.sigma)
     curve = SigmaCurve(
         scene=subject.name,
         true_sigma=sigma,
@@ -111,9 +116,7 @@ def measure_curve(
         psnr=tuple(values),
         supports=tuple(supports),
         psnr_of_supports=tuple(of_supports),
-        estimate=found.sigma,
-        psnr_of_estimate=measured(estimate),
-        remark=found.remark,
+        found=measure_estimate(subject, degradation),
     )
     pictures["original"] = truth
     height, width = truth.shape
@@ -133,17 +136,17 @@ def _shown(factors: Sequence[float]) -> tuple[float, float, float]:
 
 def chapter(curves: Sequence[SigmaCurve], crops: Sequence[Figure]) -> Chapter:
     """Return Figures 17 and 18, and how well the PSF is estimated."""
-    met = [curve for curve in curves if curve.meets_the_bars]
+    met = [curve for curve in curves if curve.found.met]
     answer = [
-        f"The PSF that the scene tells lies within {SIGMA_OFF:g} HR pixels of the true σ and "
-        f"within {LOSS:g} dB of the result with it in {len(met)} of {len(curves)} cases."
+        f"The PSF that the scene tells lies within {PSF_OFF:g} HR pixels of the true σ and "
+        f"within {PSF_LOSS:g} dB of the result with it in {len(met)} of {len(curves)} cases."
     ]
-    for curve in curves:
-        if not curve.meets_the_bars:
+    for found in (curve.found for curve in curves):
+        if not found.met:
             answer.append(
-                f"Not so on {curve.scene} (true σ {curve.true_sigma:g}, noise {curve.noise:g}): "
-                f"found {curve.estimate:.2f}, {curve.loss:.2f} dB lost."
-                + (f" {curve.remark}." if curve.remark else "")
+                f"Not so on {found.scene} (true σ {found.true_sigma:g}, noise {found.noise:g}): "
+                f"found {found.sigma:.2f}, {found.loss:.2f} dB lost."
+                + (f" {found.remark}." if found.remark else "")
             )
     figures = [
         Figure(
@@ -153,7 +156,7 @@ def chapter(curves: Sequence[SigmaCurve], crops: Sequence[Figure]) -> Chapter:
                 {_name(curve): (curve.sigmas, curve.psnr) for curve in curves
                  if curve.scene == scene},
                 x_label="assumed σ_psf, HR pixels", y_label="PSNR, dB",
-                marks_of_curves=[curve.estimate for curve in curves if curve.scene == scene],
+                marks_of_curves=[curve.found.sigma for curve in curves if curve.scene == scene],
             ),
         )
         for scene in dict.fromkeys(curve.scene for curve in curves)
@@ -164,7 +167,7 @@ def chapter(curves: Sequence[SigmaCurve], crops: Sequence[Figure]) -> Chapter:
         question="What does a wrong PSF cost, and can the scene tell the right one?",
         answer=answer,
         tables=[
-            ("PSF found by the scene itself", _estimate_table(curves)),
+            ("PSF found by the scene itself", _estimate_table([curve.found for curve in curves])),
             ("PSNR over the support that is assumed, true σ, dB", _support_table(curves)),
         ],
         figures=[*figures, *crops],
@@ -176,18 +179,17 @@ def _name(curve: SigmaCurve) -> str:
     return f"true σ {curve.true_sigma:g}, noise {curve.noise:g}"
 
 
-def _estimate_table(curves: Sequence[SigmaCurve]) -> Table:
+def _estimate_table(estimates: Sequence[PsfEstimate]) -> Table:
     return Table(
         head=("scene", "true σ", "noise", "found σ", "off by", "PSNR, true σ", "PSNR, found σ",
               "loss dB", ""),
         rows=tuple(
             (
-                curve.scene, f"{curve.true_sigma:g}", f"{curve.noise:g}", number(curve.estimate),
-                signed(curve.estimate - curve.true_sigma), number(curve.true_psnr),
-                number(curve.psnr_of_estimate), number(curve.loss),
-                "met" if curve.meets_the_bars else "not met",
+                found.scene, f"{found.true_sigma:g}", f"{found.noise:g}", number(found.sigma),
+                signed(found.off), number(found.true_psnr), number(found.psnr),
+                number(found.loss), "met" if found.met else "not met",
             )
-            for curve in curves
+            for found in estimates
         ),
         left=("",),
     )  # fmt: skip

@@ -10,7 +10,11 @@ from pipeline.psf_curve import PsfCurve, format_psf, psf_picture
 from pipeline.report import strict_json
 
 CURVE = PsfCurve(
-    view_id="cam3", sigmas=(0.5, 1.0, 1.5), errors=(2.25, 1.125, float("nan")), sigma=1.1, support=7
+    view_id="cam3",
+    sigmas=(0.5, 1.0, 1.5),
+    misfits=(2.25, 1.125, float("nan")),
+    sigma=1.1,
+    support=7,
 )
 
 
@@ -23,7 +27,7 @@ def test_text_names_the_choice_and_marks_the_nearest_row():
 
 def test_picture_has_one_plot_a_curve():
     layer = PsfCurve(
-        view_id="cam3", sigmas=(0.5, 1.0), errors=(1.0, 2.0), sigma=0.5, support=5, layer=2
+        view_id="cam3", sigmas=(0.5, 1.0), misfits=(1.0, 2.0), sigma=0.5, support=5, layer=2
     )
     one, two = psf_picture([CURVE]), psf_picture([CURVE, layer])
     assert two.shape[0] > 1.9 * (one.shape[0] - 32)
@@ -33,9 +37,9 @@ def test_picture_has_one_plot_a_curve():
 
 def test_curves_go_into_strict_json():
     back = json.loads(strict_json([CURVE]))
-    assert back[0]["errors"] == [2.25, 1.125, None]
+    assert back[0]["misfits"] == [2.25, 1.125, None]
 
 
-def test_a_curve_needs_an_error_for_each_sigma():
+def test_a_curve_needs_a_misfit_for_each_sigma():
     with pytest.raises(ConfigurationError):
-        PsfCurve(view_id="a", sigmas=(1.0,), errors=(), sigma=1.0, support=7)
+        PsfCurve(view_id="a", sigmas=(1.0,), misfits=(), sigma=1.0, support=7)

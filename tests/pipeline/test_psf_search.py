@@ -12,35 +12,39 @@ from pipeline.psf_search import search_psf
 from pipeline.synthetic import SampleScene
 
 SETTINGS = Settings(sampling="decimation", psf="auto")
-WITHIN = 0.3
+WITHIN = 0.15
 """What the estimate is held to here, HR pixels."""
 
 
 @pytest.fixture(scope="module")
 def scene():
-    return SampleScene(width=160, height=120, num_views=6)
+    return SampleScene(width=320, height=240, num_views=4)
 
 
 def frame_of(scene, sigma):
-    return scene.frame(0, psf_sigma=sigma, psf_support=9, noise_sigma=1.0, depth="stereo")
+    return scene.frame(0, psf_sigma=sigma, psf_support=11, noise_sigma=1.0, depth="stereo")
+
+
+@pytest.fixture(scope="module")
+def found(scene):
+    return {sigma: search_psf(frame_of(scene, sigma), SETTINGS)[0] for sigma in (1.0, 1.6)}
 
 
 @pytest.mark.parametrize("sigma", [1.0, 1.6])
-def test_the_blur_of_rendered_pictures_comes_back(scene, sigma):
-    curve = search_psf(frame_of(scene, sigma), SETTINGS)[0]
+def test_the_blur_of_rendered_pictures_comes_back(found, sigma):
+    curve = found[sigma]
     assert curve.remark == ""
     assert abs(curve.sigma - sigma) < WITHIN
-    assert 0 < int(np.argmin(curve.errors)) < len(curve.errors) - 1
+    assert 0 < int(np.argmin(curve.misfits)) < len(curve.misfits) - 1
+    assert min(curve.misfits) >= 0
     assert curve.support % 2 == 1
     assert curve.support > 5 * curve.sigma
 
 
-def test_a_wider_blur_gives_a_larger_estimate_and_the_same_one_twice(scene):
-    narrow, again, wide = (
-        search_psf(frame_of(scene, sigma), SETTINGS)[0].sigma for sigma in (0.9, 0.9, 1.7)
-    )
-    assert narrow == again
-    assert narrow < wide
+def test_the_same_estimate_comes_twice_and_a_given_support_is_kept(scene, found):
+    again = search_psf(frame_of(scene, 1.0), replace(SETTINGS, psf_support=5))[0]
+    assert again.sigma == found[1.0].sigma
+    assert again.support == 5
 
 
 def test_one_view_says_that_it_cannot_tell(scene):
@@ -49,7 +53,7 @@ def test_one_view_says_that_it_cannot_tell(scene):
     curve = search_psf(alone, SETTINGS)[0]
     assert "one view alone" in curve.remark
     assert curve.sigma == 1.0  # K / 2
-    assert all(np.isnan(error) for error in curve.errors)
+    assert all(np.isnan(misfit) for misfit in curve.misfits)
 
 
 def test_views_of_something_else_cannot_tell_either(scene):

@@ -267,6 +267,6 @@ def test_a_terminal_without_unicode_is_served(scene):
 
 
 def test_kernels_can_be_compiled_ahead(capsys):
-    """What the container's build runs; estimating the PSF has kernels of its own."""
+    """What the container's build runs."""
     assert main(["compile", "--quiet"]) == 0
     assert "error" not in capsys.readouterr().err

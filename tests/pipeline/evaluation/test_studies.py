@@ -113,8 +113,8 @@ def test_the_curve_over_the_assumed_psf_is_highest_near_the_true_one(subject):
     assert curve.psnr[1] > curve.psnr[0]
     assert curve.psnr[1] > curve.psnr[2]
     assert curve.psnr_of_supports[1] > curve.psnr_of_supports[0]
-    assert curve.true_psnr == curve.psnr[1]
-    assert curve.loss == pytest.approx(curve.psnr[1] - curve.psnr_of_estimate)
+    assert curve.found.true_psnr == curve.psnr[1]
+    assert curve.found.met
     assert figure.content.startswith(b"\x89PNG")
 
 
