@@ -22,11 +22,19 @@ from pipeline.frames import ChromaImage, GreyImage, MultiViewFrame, RegisteredVi
 from pipeline.grid import Grid
 from pipeline.noise import estimate_noise_of_views
 from pipeline.reconstruction.coverage import phase_coverage
-from pipeline.reconstruction.fused import FusedResult, FusedTuning, fuse, initial_estimate
+from pipeline.reconstruction.fused import (
+    FusedResult,
+    FusedTuning,
+    fuse,
+    initial_estimate,
+    landing_points,
+    left_over,
+    some_rows,
+)
 from pipeline.reconstruction.median import median_magnitude
 from pipeline.reconstruction.pocs import pocs
 from pipeline.reconstruction.psf import BicubicPsf, GaussianPsf, Psf, psf_axes, sampling_taps
-from pipeline.reconstruction.system import simulate
+from pipeline.reconstruction.restoration import restored
 from pipeline.registration.layers import layer_labels, layer_thresholds
 from pipeline.registration.method import METHODS, Layout, RegistrationMethod
 from pipeline.registration.prepare import PreparedView
@@ -60,7 +68,7 @@ NOTHING_NEW = 5.0
 """Phase coverage gained, per cent, below which views are said to bring nothing new."""
 
 
-WARM = FusedTuning(alone=(1, 4), together=(3, 4))
+WARM = FusedTuning(alone=0.0, together=4)
 """Work from the previous frame's result; see :class:`FusedTuning` for that from a cold start."""
 
 
@@ -510,7 +518,8 @@ def _reconstruct(
     start, choice = None, StartChoice(warm_share=0.0, is_cut=frame.is_cut)
     if previous is not None:
         match = frame.matches[target]
-        start = warped(match, previous, initial_estimate(reference.luma, grid), grid)
+        cold = restored(reference.luma, grid, frame.psf, frame.noise)
+        start = warped(match, previous, cold, grid)
         choice = match.choice
     solved = _solve(
         settings, frame.psf, frame.noise, registered, grid, (lr_shape[0], lr_shape[1]), stop, start,
@@ -526,9 +535,9 @@ def _reconstruct(
         grid, lr_shape,
     )  # fmt: skip
     reports = tuple(
-        _view_report(view, flags, weight, simulated)
-        for view, flags, weight, simulated in zip(
-            registered, solved.flags, solved.weights, solved.simulated, strict=True
+        _view_report(view, flags, weight, misfit)
+        for view, flags, weight, misfit in zip(
+            registered, solved.flags, solved.weights, solved.misfits, strict=True
         )
     )
     report = TargetReport(
@@ -594,15 +603,16 @@ def _solve(
     )  # fmt: skip
     taps = sampling_taps(psf, grid)
     weights = tuple((flags == 0).astype(np.float32) for flags in swept.flags)
-    points = [tuple(map(np.ascontiguousarray, grid.to_hr(view.position))) for view in registered]
+    points = [landing_points(view, grid) for view in registered]
     density = np.zeros(shape, np.float32)
     for (x, y), weight in zip(points, weights, strict=True):
         _count_nearest(x, y, weight, density)
+    _, misfits = left_over(swept.estimate, taps, points, registered, swept.flags, weights)
     return FusedResult(
         estimate=swept.estimate,
         weights=weights,
         flags=swept.flags,
-        simulated=tuple(simulate(swept.estimate, taps, x, y) for x, y in points),
+        misfits=misfits,
         density=density,
         iterations=swept.sweeps_done,
         residuals=swept.residuals,
@@ -627,13 +637,13 @@ def _view_report(
     view: RegisteredView,
     flags: npt.NDArray[np.uint8],
     weight: GreyImage,
-    simulated: GreyImage,
+    misfit: float,
 ) -> ViewReport:
     has_motion = np.isfinite(view.position[..., 0])
     trusted = flags == 0
-    magnitudes = np.where(has_motion, view.registration_weights, np.float32(np.nan))
-    residual = (view.observed - simulated)[trusted]
-    residual = residual[np.isfinite(residual)]
+    magnitudes = np.where(
+        some_rows(has_motion), some_rows(view.registration_weights), np.float32(np.nan)
+    )
     return ViewReport(
         view_id=view.view_id,
         registered_fraction=float(has_motion.mean()),
@@ -641,7 +651,7 @@ def _view_report(
         weight_fraction=float(weight.mean()),
         rejections=count_rejections(flags),
         median_absolute_weight=median_magnitude(magnitudes),
-        residual_rms=float(np.sqrt((residual**2).mean())) if residual.size else float("nan"),
+        residual_rms=misfit,
     )
 
 

@@ -81,7 +81,7 @@ def pieces() -> list[Variant]:
         Variant(name="no prior", tuning=replace(tuning, prior_strength=1e-6)),
         Variant(
             name="no prior, stopped early",
-            tuning=replace(tuning, prior_strength=1e-6, alone=(1, 3), together=(1, 4)),
+            tuning=replace(tuning, prior_strength=1e-6, alone=3.0, together=4),
         ),
         Variant(name="no verification", trust_all=True),
         Variant(

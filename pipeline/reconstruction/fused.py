@@ -3,7 +3,7 @@
 Not in the thesis, which visits LR pixels one after another (Eq. 9, Eq. 10; see ``pocs``);
 the constraints and the PSF are the same. Two rounds:
 
-1. the reference view alone is reconstructed;
+1. the reference view alone is enlarged and sharpened by a linear filter (``restoration``);
 2. every other view's pixels are predicted from that result, and weighted by how well
    they agree with it around them; then all are fused.
 
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -22,8 +23,11 @@ import numpy.typing as npt
 
 from pipeline.frames import GreyImage, RegisteredView, Rejection
 from pipeline.grid import Grid
-from pipeline.reconstruction.psf import Psf, psf_taps, sampling_taps
+from pipeline.reconstruction import agreement
+from pipeline.reconstruction.psf import Psf, SeparableTaps, psf_taps, sampling_taps
+from pipeline.reconstruction.restoration import restored
 from pipeline.reconstruction.system import HrImage, NormalEquations, sample, spline_coefficients
+from pipeline.threads import map_threads
 
 IMPOSSIBLE = np.uint8(
     Rejection.NO_MOTION
@@ -37,6 +41,12 @@ must do without such pixels (POCS), weighted ones are left to the agreement weig
 
 LARGEST_ERROR = 50.0
 """Prediction errors are cut off here before they are averaged, grey levels."""
+
+ROWS = 32
+"""Statistics are taken of every second row of a view that has twice as many rows or more, and of
+every fourth where it has four times as many or more."""
+
+Pixel = TypeVar("Pixel", bound=np.generic)
 
 SMALLEST_NOISE = 0.3
 """Noise below which nothing gets easier: the rounding of 8-bit input, grey levels."""
@@ -62,15 +72,22 @@ class FusedTuning:
     """σ of the low-pass on the prediction error, LR pixels."""
     box: int = 5
     """Side of the box over which its square is averaged, LR pixels."""
-    alone: tuple[int, int] = (2, 8)
-    """Re-weightings, and at most so many conjugate-gradient steps each: reference alone."""
-    together: tuple[int, int] = (4, 8)
-    """The same for all views."""
-    settled: float = 0.3
-    """Share of its first residual at which a descent has come far enough, at noise 1 and above;
-    in proportion to the noise below: the less there is, the longer it pays to go on."""
-    only: tuple[int, int] = (4, 8)
-    """The same where the reference is the only view: as much work as for many."""
+    alone: float = 0.9
+    """Conjugate-gradient steps from the reference alone, before the others are weighed, at noise
+    1; in inverse proportion to the noise, rounded down."""
+    together: int = 26
+    """Conjugate-gradient steps from all views, at most."""
+    only: int = 18
+    """The same where the reference is the only view."""
+    hold: float = 2.8
+    """Steps for which the prior is held quadratic at noise 1, at least one; in inverse proportion
+    to the noise: the less there is, the less the prior says."""
+    settled: float = 0.08
+    """Share of its first gradient at which a descent has come far enough, at noise 1 and σ_psf
+    1; in inverse proportion to σ_psf; …"""
+    settled_noise_powers: tuple[float, float] = (1.0, -2.0)
+    """… and with the noise to the first power below noise 1, to the second above: the less there
+    is, the longer it pays to go on; the more there is, the more of the first gradient is noise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,8 +100,8 @@ class FusedResult:
     """Per registered view, (H, W) float32 0..1."""
     flags: tuple[npt.NDArray[np.uint8], ...]
     """Per registered view: its flags, with the residual test added."""
-    simulated: tuple[GreyImage, ...]
-    """Per registered view, (H, W): what the estimate predicts; NaN outside."""
+    misfits: tuple[float, ...]
+    """Per registered view: RMS of observed − simulated over trusted pixels, grey levels."""
     density: HrImage
     """(K·H, K·W): weight of the observations around each HR pixel."""
     iterations: int
@@ -117,6 +134,12 @@ def prior_strength(noise: float, psf_sigma: float, tuning: FusedTuning) -> float
     )
 
 
+def settled_share(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
+    """Return the share of its first gradient at which a descent has come far enough."""
+    below, above = tuning.settled_noise_powers
+    return tuning.settled * noise ** (below if noise < 1 else above) / max(psf_sigma, 0.5)
+
+
 def agreement_weights(
     error: GreyImage, noise: float, tuning: FusedTuning
 ) -> npt.NDArray[np.float32]:
@@ -135,20 +158,26 @@ def agreement_weights(
     noise : float
         Grey levels.
     """
+    flags = np.zeros(error.shape, np.uint8)
+    return _weights(error, np.zeros_like(error), noise, tuning, np.inf, flags)
+
+
+def _weights(
+    predicted: GreyImage, observed: GreyImage, noise: float, tuning: FusedTuning,
+    threshold: float, flags: npt.NDArray[np.uint8],
+) -> npt.NDArray[np.float32]:  # fmt: skip
+    """Return the weights of a view's pixels; those predicted worse than T_R are flagged."""
     constant, factor = tuning.agreement
-    missing = ~np.isfinite(error)
     kernel = cv2.getGaussianKernel(7, tuning.low_pass)[:, 0]
     passed = float((kernel**2).sum() ** 2)
-    bounded = np.where(missing, np.float32(0), np.clip(error, -LARGEST_ERROR, LARGEST_ERROR))
-    smooth = cv2.sepFilter2D(bounded, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REFLECT)
-    box = (tuning.box, tuning.box)
-    local = cv2.blur(smooth * smooth, box, borderType=cv2.BORDER_REFLECT)
-    excess = np.maximum(local - np.float32(1.1 * passed * noise**2), 0)
-    tolerated = np.float32(noise**2 + (factor * noise) ** 2 + constant**2)
-    weight = tolerated / (tolerated + np.float32(tuning.severity) * excess)
-    weight *= weight
-    weight[missing] = 0
-    return weight
+    weights = np.empty(predicted.shape, np.float32)
+    agreement.weigh(
+        predicted, observed, float(threshold), np.uint8(Rejection.RESIDUAL), IMPOSSIBLE,
+        LARGEST_ERROR, kernel[3:].astype(np.float32),
+        np.full(tuning.box // 2 + 1, 1 / tuning.box, np.float32), 1.1 * passed * noise**2,
+        noise**2 + (factor * noise) ** 2 + constant**2, tuning.severity, flags, weights,
+    )  # fmt: skip
+    return weights
 
 
 def fuse(
@@ -177,11 +206,11 @@ def fuse(
     residual_threshold : float
         T_R, grey levels: pixels of other views predicted worse are left out (thesis §3.2).
     start : (K·H, K·W) float32, optional
-        Initial estimate; default: the reference, bicubic.
+        Initial estimate; default: the reference, enlarged and sharpened.
     most_steps : int, optional
         Conjugate-gradient steps from all views, at most; default: as many as it takes.
     stop : callable, optional
-        Polled between re-weightings; true ends the work early.
+        Polled between steps; true ends the work early.
 
     Returns
     -------
@@ -191,56 +220,48 @@ def fuse(
     noise = max(noise, SMALLEST_NOISE)
     taps = sampling_taps(psf, grid)
     shape = grid.hr_shape(lr_shape)
-    points = [_points(view, grid) for view in registered]
+    points = [landing_points(view, grid) for view in registered]
     strength = prior_strength(noise, psf.sigma, tuning)
-    settled = tuning.settled * min(1.0, noise)
     scale = tuning.edge_scale[0] + tuning.edge_scale[1] * noise
     reference = next(index for index, view in enumerate(registered) if view.is_reference)
     own = registered[reference]
     ones = np.ones(lr_shape, np.float32)
     system = NormalEquations(shape, taps, psf_taps(psf, grid), float(own.observed.mean()))
-    system.gather_regular(own.observed, grid)
-    estimate = start if start is not None else initial_estimate(own.observed, grid)
-    residuals = []
+    estimate = start if start is not None else restored(own.observed, grid, psf, noise)
     stop_reason = "iterations"
-    priors: list[npt.NDArray[np.float32] | None] = [None, None]
 
-    def solve(estimate: HrImage, plan: tuple[int, int], most: int | None) -> HrImage:
+    def solve(estimate: HrImage, plan: int, most: int | None) -> HrImage:
         nonlocal stop_reason
-        begun = system.steps
-        before = None
-        for turn in range(plan[0]):
-            left = plan[1] if most is None else min(plan[1], most - (system.steps - begun))
-            if left <= 0:
-                stop_reason = "steps"
-                break
-            if stop is not None and stop():
-                stop_reason = "stopped"
-                break
-            prior = priors[turn % 2] = system.edge_weights(estimate, scale, priors[turn % 2])
-            estimate = system.descend(
-                estimate, prior, strength, left, settled=settled, goes_on_from=before
-            )
-            before = prior
-        return estimate
+        if stop is not None and stop():
+            stop_reason = "stopped"
+            return estimate
+        if most is not None and most < plan:
+            stop_reason = "steps"
+        return system.descend(
+            estimate, scale, strength, plan if most is None else min(plan, most),
+            hold=max(1, round(tuning.hold / noise)),
+            settled=settled_share(noise, psf.sigma, tuning), stop=stop,
+        )  # fmt: skip
 
-    estimate = solve(
-        estimate,
-        tuning.alone if len(registered) > 1 else tuning.only,
-        None if len(registered) > 1 else most_steps,
-    )
-    weights = [ones] * len(registered)
+    is_alone = len(registered) == 1
+    steps_alone = tuning.only if is_alone else int(tuning.alone / noise)
+    if steps_alone > 0:
+        system.gather_regular(own.observed, grid)
+        estimate = solve(estimate, steps_alone, most_steps if is_alone else None)
+    weights: list[npt.NDArray[np.float32]] = [ones] * len(registered)
     flags = [view.flags.copy() for view in registered]
-    if len(registered) > 1:
+    if not is_alone:
         coefficients = spline_coefficients(estimate, taps)
-        for index, view in enumerate(registered):
+
+        def weigh(index: int) -> npt.NDArray[np.float32]:
             if index == reference:
-                continue
-            error = sample(coefficients, *points[index]) - view.observed
-            flags[index][np.abs(error) > residual_threshold] |= np.uint8(Rejection.RESIDUAL)
-            weight = agreement_weights(error, noise, tuning)
-            weight[flags[index] & IMPOSSIBLE != 0] = 0
-            weights[index] = weight
+                return ones
+            return _weights(
+                sample(coefficients, *points[index]), registered[index].observed, noise, tuning,
+                residual_threshold, flags[index],
+            )  # fmt: skip
+
+        weights = map_threads(weigh, range(len(registered)))
         system.gather(
             [
                 (*points[index], view.observed, weights[index])
@@ -248,36 +269,62 @@ def fuse(
             ]
         )
         estimate = solve(estimate, tuning.together, most_steps)
-    coefficients = spline_coefficients(estimate, taps)
-    simulated = tuple(sample(coefficients, *point) for point in points)
-    residuals.append(_weighted_rms(simulated, registered, weights))
+    misfit, misfits = left_over(estimate, taps, points, registered, flags, weights)
     return FusedResult(
         estimate=estimate,
         weights=tuple(weights),
         flags=tuple(flags),
-        simulated=simulated,
+        misfits=misfits,
         density=system.density,
         iterations=system.steps,
-        residuals=tuple(residuals),
+        residuals=(misfit,),
         stop_reason=stop_reason,
     )
 
 
-def _points(view: RegisteredView, grid: Grid) -> tuple[HrImage, HrImage]:
+def some_rows(image: npt.NDArray[Pixel]) -> npt.NDArray[Pixel]:
+    """Return the rows of an image that statistics are content with, see ``ROWS``; contiguous."""
+    return np.ascontiguousarray(image[:: max(1, min(image.shape[0] // ROWS, 4))])
+
+
+def left_over(
+    estimate: HrImage,
+    taps: SeparableTaps,
+    points: Sequence[tuple[HrImage, HrImage]],
+    registered: Sequence[RegisteredView],
+    flags: Sequence[npt.NDArray[np.uint8]],
+    weights: Sequence[GreyImage],
+) -> tuple[float, tuple[float, ...]]:
+    """Return the RMS of observed − simulated, grey: weighted, and of each view's trusted pixels.
+
+    Measured on :func:`some_rows`. A view of which none is trusted has NaN.
+
+    Parameters
+    ----------
+    points : sequence of ((H, W), (H, W)) float32
+        Where each view's pixels land, HR pixels.
+    """
+    coefficients = spline_coefficients(estimate, taps)
+
+    def compare(index: int) -> tuple[float, float, float, float]:
+        x, y = (some_rows(place) for place in points[index])
+        return agreement.left_over(
+            sample(coefficients, x, y), some_rows(registered[index].observed),
+            some_rows(flags[index]), some_rows(weights[index]),
+        )  # fmt: skip
+
+    found = map_threads(compare, range(len(registered)))
+    square, total = (sum(parts[number] for parts in found) for number in (0, 1))
+    return (
+        float(np.sqrt(square / total)) if total > 0 else 0.0,
+        tuple(
+            float(np.sqrt(trusted / count)) if count > 0 else float("nan")
+            for _, _, trusted, count in found
+        ),
+    )
+
+
+def landing_points(view: RegisteredView, grid: Grid) -> tuple[HrImage, HrImage]:
     """Return x and y of a view's landing points, HR pixels."""
     x, y = grid.to_hr(view.position)
     return np.ascontiguousarray(x), np.ascontiguousarray(y)
-
-
-def _weighted_rms(
-    simulated: Sequence[GreyImage],
-    registered: Sequence[RegisteredView],
-    weights: Sequence[GreyImage],
-) -> float:
-    """Return the root mean square of observed − simulated over all views, weighted, grey."""
-    total = weight_sum = 0.0
-    for image, view, weight in zip(simulated, registered, weights, strict=True):
-        square = np.nan_to_num((image - view.observed) ** 2)
-        total += float(np.vdot(square, weight))
-        weight_sum += float(weight.sum(dtype=np.float64))
-    return float(np.sqrt(total / weight_sum)) if weight_sum > 0 else 0.0

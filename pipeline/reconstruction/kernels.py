@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.rows import OPTIONS
-from pipeline.reconstruction.simd import CELL, LANES, add_nine, inverse_roots, planes_of_eight
+from pipeline.reconstruction.rows import OPTIONS, mirror
+from pipeline.reconstruction.simd import CELL, LANES, add_nine, planes_of_eight
 
 NUM_COUPLINGS = 13
 """Unique couplings of a 5 × 5 symmetric stencil: itself, 2 to the right, 5 + 5 below."""
@@ -202,80 +202,6 @@ def gather_regular(observed, level, column, taps_x, row, taps_y, rhs):
 
 
 @njit(**OPTIONS)
-def edge_weights(image, scale, lo, hi, out):
-    """Write the reweighting of an edge-preserving prior into rows of ``out``.
-
-    Charbonnier penalty of the four first differences: weight 1 / √(d² + scale²)
-    (times 1/2 for the diagonals), so that flat parts are smoothed and edges are kept.
-
-    Parameters
-    ----------
-    image : (KH, KW) float32
-        Current estimate, grey levels.
-    scale : float
-        Difference below which the prior is quadratic, grey levels.
-    out : (4, KH + 2, ≥ KW + 10) float32
-        Padded by one in front; planes: right, below-left, below, below-right. Zero where a
-        neighbour is outside, as it must have been before.
-    """
-    height, width = image.shape
-    scale2 = np.float32(scale * scale)
-    one, half = np.float32(1.0), np.float32(0.5)
-    length = 1 + width + LANES
-    lines = np.zeros((2, length), np.float32)
-    for y in range(lo, hi):
-        own, below = y % 2, (y + 1) % 2
-        if y == lo:
-            lines[own, 1 : 1 + width] = image[y]
-        if y + 1 < height:
-            lines[below, 1 : 1 + width] = image[y + 1]
-        here, under = own * length + 1, below * length + 1
-        for x in range(0, width, LANES):
-            at = 1 + x
-            p = here + x
-            inverse_roots(lines, p, p + 1, scale2, one, out[0, y + 1], at)
-            if y + 1 < height:
-                q = under + x
-                inverse_roots(lines, p, q - 1, scale2, half, out[1, y + 1], at)
-                inverse_roots(lines, p, q, scale2, one, out[2, y + 1], at)
-                inverse_roots(lines, p, q + 1, scale2, half, out[3, y + 1], at)
-        out[0, y + 1, width:] = 0
-        out[1, y + 1, 1] = 0
-        for plane in range(1, 4):
-            out[plane, y + 1, 1 + width :] = 0
-        out[3, y + 1, width] = 0
-
-
-@njit(**OPTIONS)
-def _add_two(first, second, out):
-    for x in range(out.size):
-        out[x] += first[x] + second[x]
-
-
-@njit(**OPTIONS)
-def softness(prior, strength, share, data, lo, hi, out):
-    """Write 1 / (share · λ · Σ weights + data) of each pixel into rows of ``out``.
-
-    Parameters
-    ----------
-    prior : (4, KH + 2, ≥ KW + 10) float32
-    out : (KH, KW) float32
-    """
-    factor = np.float32(strength * share)
-    least = np.float32(data)
-    one = np.float32(1.0)
-    for y in range(lo, hi):
-        line = out[y]
-        line[:] = 0
-        _add_two(prior[0, y + 1, 1:], prior[0, y + 1], line)
-        _add_two(prior[2, y + 1, 1:], prior[2, y, 1:], line)
-        _add_two(prior[1, y + 1, 1:], prior[1, y, 2:], line)
-        _add_two(prior[3, y + 1, 1:], prior[3, y], line)
-        for x in range(line.size):
-            line[x] = one / (factor * line[x] + least)
-
-
-@njit(**OPTIONS)
 def sample_spline(coefficients, position_x, position_y, row_lo, row_hi, out):
     """Write quadratic B-spline samples at HR positions into rows of ``out``; NaN outside.
 
@@ -319,3 +245,43 @@ def sample_spline(coefficients, position_x, position_y, row_lo, row_hi, out):
                 + y1 * (x0 * own[a] + x1 * own[b] + x2 * own[c])
                 + y2 * (x0 * below[a] + x1 * below[b] + x2 * below[c])
             )
+
+
+@njit(**OPTIONS)
+def filter_phases(image, along_x, along_y, lo, hi, out):
+    """Write the HR rows of LR rows ``lo`` to ``hi``, each phase filtered by taps of its own.
+
+    Parameters
+    ----------
+    image : (H, W) float32
+    along_x, along_y : (K, odd) float32
+        Taps over LR pixels, of each phase along x and along y.
+    out : (KH, KW) float32
+    """
+    height, width = image.shape
+    phases_x, phases_y = along_x.shape[0], along_y.shape[0]
+    reach_x, reach_y = along_x.shape[1] // 2, along_y.shape[1] // 2
+    room = np.empty(width + 2 * reach_x, np.float32)
+    line = np.empty(width, np.float32)
+    own = room[reach_x : reach_x + width]
+    for row in range(lo, hi):
+        for phase_y in range(phases_y):
+            own[:] = 0
+            for k in range(along_y.shape[1]):
+                _add_scaled(image[mirror(row + k - reach_y, height)], along_y[phase_y, k], own)
+            for k in range(1, reach_x + 1):
+                room[reach_x - k] = own[mirror(-k, width)]
+                room[reach_x + width - 1 + k] = own[mirror(width - 1 + k, width)]
+            target = out[row * phases_y + phase_y]
+            for phase_x in range(phases_x):
+                line[:] = 0
+                for k in range(along_x.shape[1]):
+                    _add_scaled(room[k : k + width], along_x[phase_x, k], line)
+                for x in range(width):
+                    target[x * phases_x + phase_x] = line[x]
+
+
+@njit(**OPTIONS)
+def _add_scaled(row, factor, out):
+    for x in range(out.size):
+        out[x] += factor * row[x]

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from pipeline.reconstruction.simd import LANES, blur_of_eight
+
 OPTIONS = {
     "nogil": True,
     "cache": True,
@@ -26,15 +28,41 @@ def mirror(index, size):
 
 
 @njit(**OPTIONS)
-def _two(out, middle, tap, a1, b1, a2, b2, tap1, tap2):
-    for x in range(middle.size):
-        out[x] = tap * middle[x] + (tap1 * (a1[x] + b1[x]) + tap2 * (a2[x] + b2[x]))
+def _four(flat, middle, a1, b1, a2, b2, a3, b3, taps, size, out):
+    """Write a row weighted by the middle tap and the three beside it."""
+    tap0, tap1, tap2, tap3 = taps[0], taps[1], taps[2], taps[3]
+    whole = size - size % LANES
+    for x in range(0, whole, LANES):
+        blur_of_eight(
+            flat, middle + x, a1 + x, b1 + x, a2 + x, b2 + x, a3 + x, b3 + x,
+            tap0, tap1, tap2, tap3, out, x,
+        )  # fmt: skip
+    for x in range(whole, size):
+        out[x] = (
+            tap0 * flat[middle + x]
+            + tap1 * (flat[a1 + x] + flat[b1 + x])
+            + tap2 * (flat[a2 + x] + flat[b2 + x])
+            + tap3 * (flat[a3 + x] + flat[b3 + x])
+        )
+
+
+@njit(**OPTIONS)
+def _scaled(row, tap, out):
+    for x in range(row.size):
+        out[x] = tap * row[x]
 
 
 @njit(**OPTIONS)
 def _more(out, a1, b1, tap1, size):
     for x in range(size):
         out[x] += tap1 * (a1[x] + b1[x])
+
+
+@njit(**OPTIONS)
+def copy_row(row, out):
+    """Write the row into the first elements of ``out``."""
+    for x in range(row.size):
+        out[x] = row[x]
 
 
 @njit(**OPTIONS)
@@ -51,21 +79,19 @@ def blur_row(row, taps, room, out):
     out : (≥ W,) float32
     """
     reach, size = taps.size - 1, row.size
-    room[reach : reach + size] = row
+    copy_row(row, room[reach:])
     for k in range(1, reach + 1):
         room[reach - k] = row[mirror(-k, size)]
         room[reach + size - 1 + k] = row[mirror(size - 1 + k, size)]
-    middle = room[reach : reach + size]
     k = 1
-    if reach >= 2:
-        _two(
-            out, middle, taps[0], room[reach - 1 :], room[reach + 1 :],
-            room[reach - 2 :], room[reach + 2 :], taps[1], taps[2],
+    if reach >= 3:
+        _four(
+            room, reach, reach - 1, reach + 1, reach - 2, reach + 2, reach - 3, reach + 3, taps,
+            size, out,
         )  # fmt: skip
-        k = 3
+        k = 4
     else:
-        for x in range(size):
-            out[x] = taps[0] * middle[x]
+        _scaled(row, taps[0], out)
     while k <= reach:
         _more(out, room[reach - k :], room[reach + k :], taps[k], size)
         k += 1
@@ -80,20 +106,19 @@ def blur_ring(ring, y, taps, height, width, out):
     ring : (≥ 2·reach + 1, ≥ W) float32
     out : (≥ W,) float32
     """
-    reach, lines = taps.size - 1, ring.shape[0]
-    middle = ring[y % lines][:width]
+    reach, lines, pitch = taps.size - 1, ring.shape[0], ring.shape[1]
     k = 1
-    if reach >= 2:
-        _two(
-            out, middle, taps[0],
-            ring[mirror(y - 1, height) % lines], ring[mirror(y + 1, height) % lines],
-            ring[mirror(y - 2, height) % lines], ring[mirror(y + 2, height) % lines],
-            taps[1], taps[2],
+    if reach >= 3:
+        _four(
+            ring.reshape(-1), y % lines * pitch,
+            mirror(y - 1, height) % lines * pitch, mirror(y + 1, height) % lines * pitch,
+            mirror(y - 2, height) % lines * pitch, mirror(y + 2, height) % lines * pitch,
+            mirror(y - 3, height) % lines * pitch, mirror(y + 3, height) % lines * pitch,
+            taps, width, out,
         )  # fmt: skip
-        k = 3
+        k = 4
     else:
-        for x in range(width):
-            out[x] = taps[0] * middle[x]
+        _scaled(ring[y % lines, :width], taps[0], out)
     while k <= reach:
         up, down = mirror(y - k, height) % lines, mirror(y + k, height) % lines
         _more(out, ring[up], ring[down], taps[k], width)
@@ -106,4 +131,13 @@ def dot_row(first, second):
     total = np.float32(0.0)
     for x in range(first.size):
         total += first[x] * second[x]
+    return total
+
+
+@njit(**OPTIONS)
+def sum_row(row):
+    """Return the sum of a row, float32."""
+    total = np.float32(0.0)
+    for x in range(row.size):
+        total += row[x]
     return total

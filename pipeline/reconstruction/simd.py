@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
 LANES = 8
@@ -70,12 +69,18 @@ class _Eight:
         return self.builder.uitofp(self.builder.zext(found, _WORDS), _FLOATS)
 
     def inverse_root(self, value):
-        """Return 1 / √value."""
-        kind = ir.FunctionType(_FLOATS, [_FLOATS])
-        name = f"llvm.sqrt.v{LANES}f32"
-        root = cgutils.get_or_insert_function(self.builder.module, kind, name)
-        ones = ir.Constant(_FLOATS, [1.0] * LANES)
-        return self.builder.fdiv(ones, self.builder.call(root, [value]), flags=self.flags)
+        """Return 1 / √value to 7 parts in 10 000."""
+
+        def number(of: float):
+            return ir.Constant(_FLOATS, [of] * LANES)
+
+        bits = self.builder.bitcast(value, _WORDS)
+        halved = self.builder.lshr(bits, ir.Constant(_WORDS, [1] * LANES))
+        guess = self.builder.sub(ir.Constant(_WORDS, [0x5F1FFFF9] * LANES), halved)
+        root = self.builder.bitcast(guess, _FLOATS)
+        excess = self.times(self.times(value, root), root)
+        better = self.times(self.subtract(number(2.38924456), excess), number(0.703952253))
+        return self.times(root, better)
 
 
 def _data(context, builder, signature, arguments, number: int):
@@ -255,73 +260,171 @@ def stencil_eight(
 
 
 @intrinsic
-def prior_eight(typing_context, weights, at, plane, pitch, image, up, row, down, strength, out, to):
-    """Add ``strength`` times the weighted graph Laplacian at eight pixels of a row, in place.
+def blur_of_eight(
+    typing_context, image, middle, a1, b1, a2, b2, a3, b3, tap0, tap1, tap2, tap3, out, to
+):
+    """Write tap0 · middle + tap1 · (a1 + b1) + tap2 · (a2 + b2) + tap3 · (a3 + b3).
 
     Parameters
     ----------
-    weights : float32 array
-        Four planes, see ``kernels.edge_weights``; ``at``, ``plane`` and ``pitch`` as above.
     image : float32 array
-    up, row, down : intp
-        Of the first pixel in the row above, this one and the row below.
+    middle, a1 … b3 : intp
+        Of the first of eight pixels, each.
     """
-    signature = types.void(
-        weights, *(types.intp,) * 3, image, *(types.intp,) * 3, types.float32, out, types.intp
-    )
+    signature = types.void(image, *(types.intp,) * 7, *(types.float32,) * 4, out, types.intp)
 
     def generate(context, builder, signature, arguments):
         eight = _Eight(builder)
-        planes, pixels, result = (
-            _data(context, builder, signature, arguments, number) for number in (0, 4, 9)
-        )
-        first, plane, pitch = arguments[1:4]
-        above, row, below = arguments[5:8]
-        strength, to = arguments[8], arguments[10]
-        centre = eight.load(pixels, row)
-        total = _ZEROS
-        steps = ((0, 0, 1), (1, 1, -1), (2, 1, 0), (3, 1, 1))
-        for number, down, dx in steps:
-            own = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
-            back = builder.sub(own, builder.mul(pitch, ir.Constant(pitch.type, down)))
-            ahead = eight.load(pixels, below if down else row, dx)
-            behind = eight.load(pixels, above if down else row, -dx)
-            total = eight.add(
-                total, eight.times(eight.load(planes, own), eight.subtract(centre, ahead))
-            )
-            total = eight.add(
-                total, eight.times(eight.load(planes, back, -dx), eight.subtract(centre, behind))
-            )
-        total = eight.times(total, eight.spread(strength))
-        eight.store(eight.add(eight.load(result, to), total), result, to)
+        pixels = _data(context, builder, signature, arguments, 0)
+        result = _data(context, builder, signature, arguments, 12)
+        places, taps = arguments[1:8], [eight.spread(tap) for tap in arguments[8:12]]
+        total = eight.times(eight.load(pixels, places[0]), taps[0])
+        for number in range(1, 4):
+            pair = (eight.load(pixels, place) for place in places[2 * number - 1 : 2 * number + 1])
+            total = eight.add(total, eight.times(eight.add(*pair), taps[number]))
+        eight.store(total, result, arguments[13])
         return context.get_dummy_value()
 
     return signature, generate
 
 
 @intrinsic
-def inverse_roots(typing_context, image, first, second, scale2, factor, out, to):
-    """Write factor / √(d² + scale2), d the differences of eight pixels and eight others.
+def edges_of_eight(typing_context, image, row, down, scale2, top, planes, to, plane):
+    """Write the prior's weights of eight pixels: top / √(d² + scale2), rounded to sixteen bits.
 
     Parameters
     ----------
     image : float32 array
-    first, second : intp
-        Of the first pixel, and of the first of the others.
+    row, down : intp
+        Of the first pixel, and of the one below it.
+    planes : uint16 array
+        Towards the right, below-left, below and below-right.
+    to, plane : intp
+        Of the first pixel in plane 0; from plane to plane.
+
+    Notes
+    -----
+    The inverse root is the one by shifted bits and a step of Newton's, to 7 parts in 10 000.
     """
     signature = types.void(
-        image, types.intp, types.intp, types.float32, types.float32, out, types.intp
+        image, types.intp, types.intp, types.float32, types.float32, planes, types.intp, types.intp
     )
 
     def generate(context, builder, signature, arguments):
         eight = _Eight(builder)
         pixels = _data(context, builder, signature, arguments, 0)
-        result = _data(context, builder, signature, arguments, 5)
-        first, second, scale2, factor = arguments[1:5]
-        away = eight.subtract(eight.load(pixels, second), eight.load(pixels, first))
-        square = eight.add(eight.times(away, away), eight.spread(scale2))
-        value = eight.times(eight.inverse_root(square), eight.spread(factor))
-        eight.store(value, result, arguments[6])
+        target = _data(context, builder, signature, arguments, 5)
+        row, down, scale2, top = arguments[1:5]
+        to, plane = arguments[6:8]
+        own = eight.load(pixels, row)
+        half = ir.Constant(_FLOATS, [0.5] * LANES)
+        for number, (start, dx) in enumerate(((row, 1), (down, -1), (down, 0), (down, 1))):
+            away = eight.subtract(eight.load(pixels, start, dx), own)
+            square = eight.add(eight.times(away, away), eight.spread(scale2))
+            value = eight.times(eight.inverse_root(square), eight.spread(top))
+            whole = builder.fptosi(eight.add(value, half), _WORDS)
+            where = builder.add(to, builder.mul(plane, ir.Constant(plane.type, number)))
+            address = eight.place(target, where, kind=_SHORTS)
+            builder.store(builder.trunc(whole, _SHORTS), address, align=2)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+_NEIGHBOURS = ((0, 0, 1), (1, 1, -1), (2, 1, 0), (3, 1, 1))
+"""Plane of the prior's weights, rows down and columns right of what it couples a pixel with."""
+
+
+@intrinsic
+def pull_of_eight(
+    typing_context, weights, at, plane, pitch, image, up, row, down, strength, share, least,
+    residual, softness, to,
+):  # fmt: skip
+    """Take the prior's pull off the residual of eight pixels, and write their softness.
+
+    The pull is ``strength`` times the weighted graph Laplacian, diagonals counting half; the
+    softness is 1 / (share · its diagonal + least).
+
+    Parameters
+    ----------
+    weights : uint16 array
+        Of :func:`edges_of_eight`.
+    at, plane, pitch : intp
+        Of the first pixel in plane 0; from plane to plane; from row to row.
+    image : float32 array
+    up, row, down : intp
+        Of the first pixel in the row above, this one and the row below.
+    residual, softness, to : float32 arrays, intp
+        Changed in place, and overwritten.
+    """
+    signature = types.void(
+        weights, *(types.intp,) * 3, image, *(types.intp,) * 3, *(types.float32,) * 3,
+        residual, softness, types.intp,
+    )  # fmt: skip
+
+    def generate(context, builder, signature, arguments):
+        eight = _Eight(builder)
+        planes, pixels, target, soft = (
+            _data(context, builder, signature, arguments, number) for number in (0, 4, 11, 12)
+        )
+        first, plane, pitch = arguments[1:4]
+        above, row, below = arguments[5:8]
+        strength, share, least = arguments[8:11]
+        to = arguments[13]
+        centre = eight.load(pixels, row)
+        pulls, sums = [_ZEROS, _ZEROS], [_ZEROS, _ZEROS]
+        for number, down, dx in _NEIGHBOURS:
+            kind = number % 2
+            own = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
+            back = builder.sub(own, builder.mul(pitch, ir.Constant(pitch.type, down)))
+            for where, shift, start, sign in (
+                (own, 0, below if down else row, 1), (back, -dx, above if down else row, -1),
+            ):  # fmt: skip
+                weight = eight.load_shorts(planes, where, shift)
+                away = eight.subtract(centre, eight.load(pixels, start, sign * dx))
+                pulls[kind] = eight.add(pulls[kind], eight.times(weight, away))
+                sums[kind] = eight.add(sums[kind], weight)
+        half = ir.Constant(_FLOATS, [0.5] * LANES)
+        pull, total = (
+            eight.times(eight.add(straight, eight.times(diagonal, half)), eight.spread(strength))
+            for straight, diagonal in (pulls, sums)
+        )
+        eight.store(eight.subtract(eight.load(target, to), pull), target, to)
+        stiff = eight.add(eight.times(total, eight.spread(share)), eight.spread(least))
+        ones = ir.Constant(_FLOATS, [1.0] * LANES)
+        eight.store(builder.fdiv(ones, stiff, flags=eight.flags), soft, to)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def bend_of_eight(typing_context, weights, at, plane, image, row, down, out, to):
+    """Write the weighted squares of what eight pixels differ by from those ahead of them.
+
+    Diagonals count half; arguments as of :func:`pull_of_eight`.
+    """
+    signature = types.void(
+        weights, types.intp, types.intp, image, types.intp, types.intp, out, types.intp
+    )
+
+    def generate(context, builder, signature, arguments):
+        eight = _Eight(builder)
+        planes, pixels, result = (
+            _data(context, builder, signature, arguments, number) for number in (0, 3, 6)
+        )
+        first, plane = arguments[1:3]
+        row, below, to = arguments[4], arguments[5], arguments[7]
+        centre = eight.load(pixels, row)
+        sums = [_ZEROS, _ZEROS]
+        for number, down, dx in _NEIGHBOURS:
+            kind = number % 2
+            where = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
+            away = eight.subtract(centre, eight.load(pixels, below if down else row, dx))
+            square = eight.times(eight.times(away, away), eight.load_shorts(planes, where))
+            sums[kind] = eight.add(sums[kind], square)
+        half = ir.Constant(_FLOATS, [0.5] * LANES)
+        eight.store(eight.add(sums[0], eight.times(sums[1], half)), result, to)
         return context.get_dummy_value()
 
     return signature, generate

@@ -10,14 +10,23 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.rows import OPTIONS, blur_ring, blur_row, dot_row
-from pipeline.reconstruction.simd import LANES, prior_eight, stencil_eight
+from pipeline.reconstruction.rows import OPTIONS, blur_ring, blur_row, copy_row, dot_row, sum_row
+from pipeline.reconstruction.simd import (
+    LANES,
+    bend_of_eight,
+    edges_of_eight,
+    pull_of_eight,
+    stencil_eight,
+)
 
 PAD = 2
 """Pixels before the first one of a row, and rows before the first row, of padded arrays."""
 
 TAIL = 10
 """Numbers behind the last pixel of a row of a padded array, for loops by eights."""
+
+TOP = 65000.0
+"""Weight of the prior between two pixels that are alike, in units of which sixteen bits hold it."""
 
 
 @njit(**OPTIONS)
@@ -64,14 +73,16 @@ def _regular_along_y(down, ring, v, width, out):
 
 
 @njit(**OPTIONS)
-def apply_band(
-    image, taps_x, taps_y, regular, across, down, couplings, units, prior, strength, lo, hi, out
-):
-    """Write (Bᵀ M B + λ P) times the image into rows ``lo`` to ``hi``.
+def turn_and_apply(
+    sharpened, factor, before, taps_x, taps_y, regular, across, down, couplings, units, rhs,
+    prior, strength, lo, hi, direction, out,
+):  # fmt: skip
+    """Write the next conjugate direction p, and Bᵀ M B p, into rows ``lo`` to ``hi``.
 
     Parameters
     ----------
-    image, out : (KH, KW) float32
+    sharpened, before : (KH, KW) float32
+        p is ``sharpened`` + ``factor`` · ``before``; a factor of zero does not read ``before``.
     taps_x, taps_y : float32
         Half taps of B.
     regular : bool
@@ -83,42 +94,47 @@ def apply_band(
         Padded by two in front; see ``kernels.spread_cells``.
     units : (KH + 4,) float32
         What a unit of the couplings is worth in each row.
-    prior : (4, KH + 2, ≥ KW + TAIL) float32
-        See ``kernels.edge_weights``.
+    rhs : (KH, KW) float32
+        b, where Bᵀ (b − M B p) is wanted; else empty.
+    prior : (4, KH + 1, ≥ KW + 1 + TAIL) uint16
+        Weights of the prior, see :func:`look_and_sharpen`.
     strength : float
-        λ.
+        λ, in units of the prior.
+    direction : (KH, KW) float32
+        p; not written where it is empty.
+    out : (KH, KW) float32
 
     Returns
     -------
     float
-        The scalar product of these rows with those of the image.
+        Of these rows, pᵀ (Bᵀ M B + λ P) p.
     """
-    height, width = image.shape
+    height, width = sharpened.shape
     reach = taps_y.size - 1
     lines = 2 * reach + 1
     blurred = np.empty((lines, width), np.float32)
     back = np.empty((lines, width), np.float32)
     # the last of these lines stays zero: what lies outside the image
     spline = np.zeros((6, PAD + width + TAIL), np.float32)
-    around = np.zeros((4, 1 + width + TAIL), np.float32)
+    around = np.zeros((3, 1 + width + TAIL), np.float32)
     room = np.empty(width + 2 * (taps_x.size - 1), np.float32)
     line = np.zeros(width + TAIL, np.float32)
-    length = around.shape[1]
-    prior_plane, prior_pitch = prior.shape[1] * prior.shape[2], prior.shape[2]
+    length, plane, pitch = around.shape[1], prior.shape[1] * prior.shape[2], prior.shape[2]
     end_back = min(height, hi + reach)
     next_back = max(0, lo - reach)
     end_spline = min(height, end_back + 2)
     next_spline = max(0, next_back - 2)
     end_blurred = min(height, end_spline + reach)
     next_blurred = max(0, next_spline - reach)
-    s = np.float32(strength)
+    f, s = np.float32(factor), np.float32(strength)
     total = 0.0
     for y in range(lo, hi):
         while next_back < min(end_back, y + reach + 1):
             v = next_back
             while next_spline < min(end_spline, v + 3):
                 while next_blurred < min(end_blurred, next_spline + reach + 1):
-                    blur_row(image[next_blurred], taps_x, room, blurred[next_blurred % lines])
+                    _combine(sharpened[next_blurred], f, before[next_blurred], line)
+                    blur_row(line[:width], taps_x, room, blurred[next_blurred % lines])
                     next_blurred += 1
                 row = spline[next_spline % 5]
                 if regular:
@@ -138,111 +154,184 @@ def apply_band(
                     (v + 1) % 5 if v + 1 < height else 5, (v + 2) % 5 if v + 2 < height else 5,
                     width, line,
                 )  # fmt: skip
+            if rhs.size > 0:
+                _subtract(rhs[v], line)
             blur_row(line[:width], taps_x, room, back[v % lines])
             next_back += 1
-        blur_ring(back, y, taps_y, height, width, line)
+        blur_ring(back, y, taps_y, height, width, out[y])
         if y == lo:
-            if y > 0:
-                around[(y - 1) % 3, 1 : 1 + width] = image[y - 1]
-            around[y % 3, 1 : 1 + width] = image[y]
+            _combine(sharpened[y], f, before[y], around[y % 2, 1:])
+        below = (y + 1) % 2
         if y + 1 < height:
-            around[(y + 1) % 3, 1 : 1 + width] = image[y + 1]
-        above = (y - 1) % 3 if y > 0 else 3
-        below = (y + 1) % 3 if y + 1 < height else 3
-        first = (y + 1) * prior_pitch + 1
+            _combine(sharpened[y + 1], f, before[y + 1], around[below, 1:])
+        else:
+            below = 2
+        own = around[y % 2, 1 : 1 + width]
+        if direction.size > 0:
+            copy_row(own, direction[y])
+        first = (y + 1) * pitch + 1
         for x in range(0, width, LANES):
-            at = 1 + x
-            prior_eight(
-                prior, first + x, prior_plane, prior_pitch, around, above * length + at,
-                y % 3 * length + at, below * length + at, s, line, x,
+            bend_of_eight(
+                prior, first + x, plane, around, y % 2 * length + 1 + x, below * length + 1 + x,
+                line, x,
             )  # fmt: skip
-        out[y] = line[:width]
-        total += dot_row(image[y], line[:width])
+        total += dot_row(own, out[y]) + s * sum_row(line[:width])
     return total
 
 
 @njit(**OPTIONS)
-def change_prior(image, before, after, strength, lo, hi, residual):
-    """Add λ (P − P') times the image to rows of the residual, in place: the prior is now P'.
-
-    Parameters
-    ----------
-    image, residual : (KH, KW) float32
-    before, after : (4, KH + 2, ≥ KW + TAIL) float32
-        Edge weights of P and of P'.
-    strength : float
-        λ.
-    """
-    height, width = image.shape
-    around = np.zeros((4, 1 + width + TAIL), np.float32)
-    line = np.zeros(width + TAIL, np.float32)
-    length = around.shape[1]
-    plane, pitch = before.shape[1] * before.shape[2], before.shape[2]
-    s = np.float32(strength)
-    for y in range(lo, hi):
-        for near in range(max(0, y - 1) if y == lo else y + 1, min(height, y + 2)):
-            around[near % 3, 1 : 1 + width] = image[near]
-        above = (y - 1) % 3 if y > 0 else 3
-        below = (y + 1) % 3 if y + 1 < height else 3
-        first = (y + 1) * pitch + 1
-        line[:] = 0
-        for x in range(0, width, LANES):
-            up, own, down = above * length + 1 + x, y % 3 * length + 1 + x, below * length + 1 + x
-            prior_eight(before, first + x, plane, pitch, around, up, own, down, s, line, x)
-            prior_eight(after, first + x, plane, pitch, around, up, own, down, -s, line, x)
-        target = residual[y]
-        for x in range(width):
-            target[x] += line[x]
+def _combine(first, factor, second, out):
+    if factor == 0:
+        for x in range(first.size):
+            out[x] = first[x]
+    else:
+        for x in range(first.size):
+            out[x] = first[x] + factor * second[x]
 
 
 @njit(**OPTIONS)
-def sharpen_band(image, taps_x, taps_y, softness, lo, hi, out):
-    """Write the preconditioned image into rows ``lo`` to ``hi``: r + (1 − G) e (1 − G) r.
+def _subtract(row, line):
+    """Write row − line into the line."""
+    for x in range(row.size):
+        line[x] = row[x] - line[x]
+
+
+@njit(**OPTIONS)
+def look_and_sharpen(
+    step, estimate, direction, residual, applied, renew, prior, scale, strength, share, least,
+    taps_x, taps_y, lo, hi, estimate_after, residual_after, sharpened,
+):  # fmt: skip
+    """Take a step along the direction, look where it leads, and sharpen what is left to do.
+
+    Writes rows ``lo`` to ``hi`` of the next estimate x, of its residual Bᵀ (b − M B x), and of
+    the preconditioned gradient (I + (I − G) e (I − G)) r, r = Bᵀ (b − M B x) − λ P(x) x.
 
     Parameters
     ----------
-    image, out : (KH, KW) float32
+    step : float
+        Zero: x is as it was.
+    estimate, direction, residual, applied : (KH, KW) float32
+        x, the direction p, the residual, and Bᵀ M B p.
+    renew : bool
+        Whether to weigh the prior anew, at the next estimate.
+    prior : (4, KH + 1, ≥ KW + 1 + TAIL) uint16
+        Weights of the prior: ``scale`` / √(d² + ``scale``²) of :data:`TOP`, d the difference to
+        the neighbour. Row y in row y + 1, padded by one in front; planes: right, below-left,
+        below, below-right; zero where a neighbour is outside. Rewritten where ``renew``.
+    strength : float
+        λ, in units of the prior; its diagonals count half.
+    share, least : float
+        e is 1 / (share · λ · Σ weights + least).
     taps_x, taps_y : float32
         Half taps of G.
-    softness : (KH, KW) float32
-        e, > 0.
+    estimate_after, residual_after, sharpened : (KH, KW) float32
 
     Returns
     -------
-    float
-        The scalar product of these rows with those of the image.
+    energy, along : float
+        Of these rows, the scalar products of r with its sharpened self and with p.
     """
-    height, width = image.shape
+    height, width = estimate.shape
     reach = taps_y.size - 1
     lines = 2 * reach + 1
+    gradient = np.zeros((lines, width + TAIL), np.float32)
+    softness = np.zeros((lines, width + TAIL), np.float32)
     blurred = np.empty((lines, width), np.float32)
     fine = np.empty((lines, width), np.float32)
     smoothed = np.empty((lines, width), np.float32)
+    # the last line stays zero: what lies outside the image
+    around = np.zeros((4, 1 + width + TAIL), np.float32)
+    edges = np.zeros((4, 2, 1 + width + TAIL), np.uint16)
     room = np.empty(width + 2 * (taps_x.size - 1), np.float32)
     line = np.empty(width, np.float32)
+    length, size = around.shape[1], gradient.shape[1]
+    s, lam = np.float32(step), np.float32(strength)
+    share, least = np.float32(share), np.float32(least)
     end_fine = min(height, hi + reach)
     next_fine = max(0, lo - reach)
-    end_blurred = min(height, end_fine + reach)
-    next_blurred = max(0, next_fine - reach)
-    total = 0.0
+    end_row = min(height, end_fine + reach)
+    next_row = max(0, next_fine - reach)
+    if next_row > 0:
+        above = next_row - 1
+        _combine(estimate[above], s, direction[above], around[above % 3, 1:])
+        _combine(estimate[next_row], s, direction[next_row], around[next_row % 3, 1:])
+        _weigh(around, above % 3, next_row % 3, renew, scale, prior, above, width, edges)
+    else:
+        _combine(estimate[0], s, direction[0], around[0, 1:])
+    energy, along = 0.0, 0.0
     for y in range(lo, hi):
         while next_fine < min(end_fine, y + reach + 1):
             v = next_fine
-            while next_blurred < min(end_blurred, v + reach + 1):
-                blur_row(image[next_blurred], taps_x, room, blurred[next_blurred % lines])
-                next_blurred += 1
+            while next_row < min(end_row, v + reach + 1):
+                u = next_row
+                above = (u - 1) % 3 if u > 0 else 3
+                below = 3
+                if u + 1 < height:
+                    below = (u + 1) % 3
+                    _combine(estimate[u + 1], s, direction[u + 1], around[below, 1:])
+                _weigh(around, u % 3, below, renew, scale, prior, u, width, edges)
+                row = gradient[u % lines]
+                _combine(residual[u], -s, applied[u], row)
+                if lo <= u < hi:
+                    copy_row(around[u % 3, 1 : 1 + width], estimate_after[u])
+                    copy_row(row[:width], residual_after[u])
+                    if renew:
+                        _keep(edges, u, prior)
+                slot = u % 2 * length
+                for x in range(0, width, LANES):
+                    at = 1 + x
+                    pull_of_eight(
+                        edges, slot + at, 2 * length, 2 * slot - length, around,
+                        above * length + at, u % 3 * length + at, below * length + at,
+                        lam, share, least, gradient, softness, u % lines * size + x,
+                    )  # fmt: skip
+                blur_row(row[:width], taps_x, room, blurred[u % lines])
+                next_row += 1
             blur_ring(blurred, v, taps_y, height, width, line)
-            _soften(image[v], line, softness[v], fine[v % lines])
+            _soften(gradient[v % lines], line, softness[v % lines], fine[v % lines])
             blur_row(fine[v % lines], taps_x, room, smoothed[v % lines])
             next_fine += 1
         blur_ring(smoothed, y, taps_y, height, width, line)
-        total += _sharp(image[y], fine[y % lines], line, out[y])
-    return total
+        row = gradient[y % lines, :width]
+        energy += _sharp(row, fine[y % lines], line, sharpened[y])
+        along += dot_row(row, direction[y])
+    return energy, along
+
+
+@njit(**OPTIONS)
+def _weigh(around, own, below, renew, scale, prior, y, width, edges):
+    """Put the weights of row y into line y mod 2 of ``edges``, anew or as they were."""
+    slot = y % 2
+    if not renew:
+        for plane in range(4):
+            copy_row(prior[plane, y + 1], edges[plane, slot])
+        return
+    length = around.shape[1]
+    scale2, top = np.float32(scale * scale), np.float32(scale * TOP)
+    for x in range(0, width, LANES):
+        at = 1 + x
+        edges_of_eight(
+            around, own * length + at, below * length + at, scale2, top, edges,
+            slot * length + at, 2 * length,
+        )  # fmt: skip
+    edges[0, slot, width:] = 0
+    edges[1, slot, 1] = 0
+    for plane in range(1, 4):
+        edges[plane, slot, 1 + width :] = 0
+    edges[3, slot, width] = 0
+    if y + 1 == prior.shape[1] - 1:
+        edges[1:, slot] = 0
+
+
+@njit(**OPTIONS)
+def _keep(edges, y, prior):
+    for plane in range(4):
+        copy_row(edges[plane, y % 2], prior[plane, y + 1])
 
 
 @njit(**OPTIONS)
 def _soften(row, blurred, softness, out):
-    for x in range(row.size):
+    for x in range(out.size):
         out[x] = softness[x] * (row[x] - blurred[x])
 
 
@@ -257,26 +346,53 @@ def _sharp(row, fine, smoothed, out):
 
 
 @njit(**OPTIONS)
-def advance(step, direction, applied, estimate, residual, lo, hi):
-    """Take one step of conjugate gradients in rows of estimate and residual, in place."""
-    s = np.float32(step)
+def add_prior(image, prior, strength, lo, hi, out):
+    """Add λ P times the image to rows of ``out``, in place; see :func:`look_and_sharpen`."""
+    height, width = image.shape
+    around = np.zeros((4, 1 + width + TAIL), np.float32)
+    line = np.zeros((2, width + TAIL), np.float32)
+    length, plane, pitch = around.shape[1], prior.shape[1] * prior.shape[2], prior.shape[2]
+    nothing = np.float32(0.0)
     for y in range(lo, hi):
-        along, image = direction[y], estimate[y]
-        for x in range(along.size):
-            image[x] += s * along[x]
-        along, image = applied[y], residual[y]
-        for x in range(along.size):
-            image[x] -= s * along[x]
+        for near in range(max(0, y - 1) if y == lo else y + 1, min(height, y + 2)):
+            around[near % 3, 1 : 1 + width] = image[near]
+        above = (y - 1) % 3 if y > 0 else 3
+        below = (y + 1) % 3 if y + 1 < height else 3
+        line[0, :width] = out[y]
+        for x in range(0, width, LANES):
+            at = 1 + x
+            pull_of_eight(
+                prior, (y + 1) * pitch + at, plane, pitch, around, above * length + at,
+                y % 3 * length + at, below * length + at, np.float32(-strength), nothing,
+                np.float32(1.0), line[0], line[1], x,
+            )  # fmt: skip
+        out[y] = line[0, :width]
 
 
 @njit(**OPTIONS)
-def turn(factor, sharpened, direction, lo, hi):
-    """Write the next conjugate direction, sharpened + factor · direction, in place."""
-    f = np.float32(factor)
+def weigh_prior(image, scale, lo, hi, prior):
+    """Write the prior's weights at an image into its rows; see :func:`look_and_sharpen`."""
+    height, width = image.shape
+    around = np.zeros((3, 1 + width + TAIL), np.float32)
+    edges = np.zeros((4, 2, 1 + width + TAIL), np.uint16)
     for y in range(lo, hi):
-        new, old = sharpened[y], direction[y]
-        for x in range(new.size):
-            old[x] = new[x] + f * old[x]
+        around[y % 2, 1 : 1 + width] = image[y]
+        below = 2
+        if y + 1 < height:
+            below = (y + 1) % 2
+            around[below, 1 : 1 + width] = image[y + 1]
+        _weigh(around, y % 2, below, True, scale, prior, y, width, edges)
+        _keep(edges, y, prior)
+
+
+@njit(**OPTIONS)
+def advance(step, direction, level, lo, hi, estimate):
+    """Add step · direction and the level to rows of the estimate, in place."""
+    s, more = np.float32(step), np.float32(level)
+    for y in range(lo, hi):
+        along, image = direction[y], estimate[y]
+        for x in range(along.size):
+            image[x] += s * along[x] + more
 
 
 @njit(**OPTIONS)

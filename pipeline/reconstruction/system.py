@@ -14,7 +14,7 @@ five-band matrices. The weighted graph Laplacian P is the edge-preserving prior.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -40,11 +40,13 @@ NEGLIGIBLE = 5e-4
 PRIOR_SHARE = 0.5
 """Of the preconditioner: how much of the prior's diagonal it takes for what the PSF removed …"""
 
-DATA_SHARE = 0.02
+DATA_SHARE = 0.04
 """… and what it adds for the observations. Flat from 0.01 to 0.06."""
 
 HrImage = npt.NDArray[np.float32]
 """(K·H, K·W) float32."""
+
+NOTHING: HrImage = np.empty((0, 0), np.float32)
 
 
 def bands(height: int) -> list[tuple[int, int]]:
@@ -98,7 +100,7 @@ class NormalEquations:
         self._units = np.zeros(height + 2 * PAD, np.float32)
         self._rhs = np.zeros(shape, np.float32)
         self._bands = bands(shape[0])
-        self._scratch = [np.empty(shape, np.float32) for _ in range(5)]
+        self._scratch: list[HrImage] = []
         self.steps = 0
 
     def gather(self, observations: Sequence[tuple[HrImage, HrImage, HrImage, HrImage]]) -> None:
@@ -149,134 +151,155 @@ class NormalEquations:
         inner = self._couplings[0, PAD:-PAD, PAD : PAD + self.shape[1]]
         return inner * self._units[PAD:-PAD, None]
 
-    def apply(self, image: HrImage, prior: npt.NDArray[np.float32], strength: float) -> HrImage:
+    def apply(
+        self, image: HrImage, prior: npt.NDArray[np.uint16], scale: float, strength: float
+    ) -> HrImage:
         """Return (Bᵀ M B + λ P) times the image, a new array.
 
         Parameters
         ----------
-        prior : (4, KH + 2, KW + 1 + TAIL) float32
-            Edge weights, see :func:`kernels.edge_weights`.
+        prior : (4, KH + 1, KW + 1 + TAIL) uint16
+            Of :meth:`edge_weights`, for the same ``scale``.
         strength : float
             λ.
         """
         out = np.empty(self.shape, np.float32)
-        self._apply(image, prior, strength, out)
+        self._turn(image, 0.0, image, prior, 0.0, NOTHING, out)
+        unit = _unit(strength, scale)
+        map_threads(lambda band: sweeps.add_prior(image, prior, unit, *band, out), self._bands)
         return out
 
-    def _apply(
-        self, image: HrImage, prior: npt.NDArray[np.float32], strength: float, out: HrImage
-    ) -> float:
-        """Write the matrix times the image; return the scalar product of the two."""
-        return float(
-            sum(
-                map_threads(
-                    lambda band: sweeps.apply_band(
-                        image, *self._along, self._regular, self._across, self._down,
-                        self._couplings, self._units, prior, strength, *band, out,
-                    ),
-                    self._bands,
-                )
-            )
-        )  # fmt: skip
-
-    def edge_weights(
-        self, estimate: HrImage, scale: float, out: npt.NDArray[np.float32] | None = None
-    ) -> npt.NDArray[np.float32]:
-        """Return the prior's weights at an estimate, (4, KH + 2, KW + 1 + TAIL) float32.
-
-        ``out``, where given, is what an earlier call returned, and is overwritten.
-        """
-        height, width = self.shape
-        weights = np.zeros((4, height + 2, 1 + width + TAIL), np.float32) if out is None else out
-        map_threads(lambda band: kernels.edge_weights(estimate, scale, *band, weights), self._bands)
+    def edge_weights(self, estimate: HrImage, scale: float) -> npt.NDArray[np.uint16]:
+        """Return the prior's weights at an estimate, see :func:`sweeps.look_and_sharpen`."""
+        weights = self._no_weights()
+        map_threads(lambda band: sweeps.weigh_prior(estimate, scale, *band, weights), self._bands)
         return weights
 
     def descend(
         self,
         estimate: HrImage,
-        prior: npt.NDArray[np.float32],
+        scale: float,
         strength: float,
-        iterations: int,
+        steps: int,
         *,
+        hold: int = 1,
         settled: float = 0.0,
-        goes_on_from: npt.NDArray[np.float32] | None = None,
+        stop: Callable[[], bool] | None = None,
     ) -> HrImage:
         """Return the estimate after some steps of conjugate gradients, a new array.
 
-        Preconditioned, see :meth:`_sharpen`. Ends after ``iterations`` steps, or when the
-        (preconditioned) residual has fallen to the share ``settled`` of what it was;
-        ``steps`` counts them.
+        Down Σ w (s·Bf − y)² + 2 λ Σ √(d² + scale²), d the differences of neighbours (diagonals
+        counting half). The prior is held quadratic for ``hold`` steps, then weighed anew; the
+        directions go on being conjugate (Fletcher and Reeves). Preconditioned, see :meth:`_look`.
 
-        ``goes_on_from`` says that the estimate is what the last call returned, whose prior
-        that was: the residual is then known but for the change of the prior.
+        Parameters
+        ----------
+        scale : float
+            Difference below which the prior is quadratic, grey levels.
+        strength : float
+            λ.
+        steps : int
+            At most; ``steps`` of the system counts them.
+        settled : float
+            Ends where the (preconditioned) gradient has fallen to this share of what it was, the
+            prior being weighed anew.
+        stop : callable, optional
+            Polled before every step; true ends the work.
         """
-        residual, applied, sharpened, direction, softness = self._scratch
-        estimate = estimate - self._level
-        map_threads(
-            lambda band: kernels.softness(
-                prior, strength, PRIOR_SHARE, DATA_SHARE, *band, softness
-            ),
-            self._bands,
-        )  # fmt: skip
-        if goes_on_from is None:
-            self._blur(self._rhs, residual)
-            self._apply(estimate, prior, strength, applied)
-            residual -= applied
-        else:
-            map_threads(
-                lambda band: sweeps.change_prior(
-                    estimate, goes_on_from, prior, strength, *band, residual
-                ),
-                self._bands,
+        image, residual, direction, applied, sharpened, *others = self._rooms()
+        next_image, next_residual, next_direction = others
+        np.subtract(estimate, self._level, out=image)
+        direction[:] = 0
+        prior = self._no_weights()
+        unit = _unit(strength, scale)
+        self._turn(image, 0.0, image, prior, 0.0, NOTHING, residual, self._rhs)
+        first = None
+        previous = step = 0.0
+        held, done = hold, 0
+        while done < steps and not (stop is not None and stop()):
+            renew = held >= hold
+            energy, along = self._look(
+                step, image, direction, residual, applied, renew, prior, scale, unit,
+                next_image, next_residual, sharpened,
+            )  # fmt: skip
+            image, next_image = next_image, image
+            residual, next_residual = next_residual, residual
+            step = 0.0
+            first = energy if first is None else first
+            held = 0 if renew else held
+            if renew and energy <= settled**2 * first:
+                break
+            factor = energy / previous if done else 0.0
+            curvature = self._turn(
+                sharpened, factor, direction, prior, unit, next_direction, applied
             )
-        first = energy = self._sharpen(residual, softness, direction)
-        for iteration in range(iterations):
-            curvature = self._apply(direction, prior, strength, applied)
-            if not (energy > 0 and curvature > 0):
+            direction, next_direction = next_direction, direction
+            slope = energy + factor * along
+            if not (slope > 0 and curvature > 0):
                 break
-            self._advance(energy / curvature, direction, applied, estimate, residual)
-            self.steps += 1
-            if iteration + 1 == iterations:
-                break
-            previous, energy = energy, self._sharpen(residual, softness, sharpened)
-            if energy < settled**2 * first:
-                break
-            self._turn(energy / previous, sharpened, direction)
-        estimate += self._level
-        return estimate
-
-    def _blur(self, image: HrImage, out: HrImage) -> None:
-        map_threads(lambda band: sweeps.blur_band(image, *self._along, *band, out), self._bands)
-
-    def _advance(
-        self, step: float, direction: HrImage, applied: HrImage, estimate: HrImage,
-        residual: HrImage,
-    ) -> None:  # fmt: skip
+            step, previous = slope / curvature, energy
+            held += 1
+            done += 1
+        self.steps += done
+        out = image.copy()
         map_threads(
-            lambda band: sweeps.advance(step, direction, applied, estimate, residual, *band),
-            self._bands,
+            lambda band: sweeps.advance(step, direction, self._level, *band, out), self._bands
         )
+        return out
 
-    def _turn(self, factor: float, sharpened: HrImage, direction: HrImage) -> None:
-        map_threads(lambda band: sweeps.turn(factor, sharpened, direction, *band), self._bands)
+    def _rooms(self) -> list[HrImage]:
+        """Return arrays to work in, of whatever they held."""
+        if not self._scratch:
+            self._scratch = [np.empty(self.shape, np.float32) for _ in range(8)]
+        return self._scratch
 
-    def _sharpen(self, image: HrImage, softness: HrImage, out: HrImage) -> float:
-        """Write I + (I − G) e (I − G) times the image; return the scalar product of the two.
+    def _no_weights(self) -> npt.NDArray[np.uint16]:
+        height, width = self.shape
+        return np.zeros((4, height + 1, 1 + width + TAIL), np.uint16)
 
-        The preconditioner. What the PSF G has removed is told by the prior alone, weakly and
-        differently from pixel to pixel: e is the inverse of its diagonal, and of what little
-        the observations say. Symmetric, and positive definite as e > 0.
-        """
+    def _turn(
+        self, sharpened: HrImage, factor: float, before: HrImage, prior: npt.NDArray[np.uint16],
+        unit: float, direction: HrImage, out: HrImage, rhs: HrImage = NOTHING,
+    ) -> float:  # fmt: skip
+        """Write the next direction and the matrix times it; return its curvature."""
         return float(
             sum(
                 map_threads(
-                    lambda band: sweeps.sharpen_band(
-                        image, *self._sharpening, softness, *band, out
+                    lambda band: sweeps.turn_and_apply(
+                        sharpened, factor, before, *self._along, self._regular, self._across,
+                        self._down, self._couplings, self._units, rhs, prior, unit, *band,
+                        direction, out,
                     ),
                     self._bands,
                 )
             )
-        )
+        )  # fmt: skip
+
+    def _look(
+        self, step: float, image: HrImage, direction: HrImage, residual: HrImage,
+        applied: HrImage, renew: bool, prior: npt.NDArray[np.uint16], scale: float, unit: float,
+        image_after: HrImage, residual_after: HrImage, sharpened: HrImage,
+    ) -> tuple[float, float]:  # fmt: skip
+        """Take a step, and write the preconditioned gradient there; return two products of it.
+
+        The preconditioner is I + (I − G) e (I − G). What the PSF G has removed is told by the
+        prior alone, weakly and differently from pixel to pixel: e is the inverse of its
+        diagonal, and of what little the observations say. Symmetric, and positive definite as
+        e > 0.
+        """
+        parts = map_threads(
+            lambda band: sweeps.look_and_sharpen(
+                step, image, direction, residual, applied, renew, prior, scale, unit, PRIOR_SHARE,
+                DATA_SHARE, *self._sharpening, *band, image_after, residual_after, sharpened,
+            ),
+            self._bands,
+        )  # fmt: skip
+        return float(sum(energy for energy, _ in parts)), float(sum(along for _, along in parts))
+
+
+def _unit(strength: float, scale: float) -> float:
+    """Return λ in units of the prior's weights."""
+    return strength / (scale * sweeps.TOP)
 
 
 def _landing_rows(y: HrImage, height: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:

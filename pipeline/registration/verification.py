@@ -229,7 +229,8 @@ def beside_jump(position: Positions, reach: int) -> npt.NDArray[np.bool_]:
 
 def count_rejections(flags: npt.NDArray[np.uint8]) -> dict[str, int]:
     """Return how many pixels carry each reason, by its lower-case name; all reasons listed."""
-    counts = np.bincount(flags.ravel(), minlength=256)
+    # as floats, which count exactly up to 16 million pixels
+    counts = cv2.calcHist([flags], [0], None, [256], [0, 256]).ravel()
     kinds = np.arange(counts.size)
     return {
         reason.name.lower(): int(counts[kinds & reason.value != 0].sum())

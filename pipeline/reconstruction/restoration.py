@@ -1,0 +1,98 @@
+"""One view alone, enlarged and sharpened by a linear filter: where the default solver starts.
+
+The regularised inverse of blur and sampling, one axis after the other: of all HR rows f the one
+that minimises |S B f − y|² + ρ |D f|², S B the PSF at the LR pixels and D the first difference. It
+is the Wiener filter of a signal whose differences are independent; ρ is the variance of the noise
+over that of the differences, measured in the view itself. Far from the border it is the same few
+taps for every LR pixel, one set for each of the K phases.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.frames import GreyImage
+from pipeline.grid import Grid
+from pipeline.reconstruction import kernels
+from pipeline.reconstruction.psf import Psf, psf_axes
+from pipeline.reconstruction.rows import mirror
+from pipeline.threads import map_threads
+
+REACH = 8
+"""LR pixels to each side that the filter may reach."""
+
+NEGLIGIBLE = 1e-3
+"""Outer taps below it are left out."""
+
+SMOOTHNESS = 0.6
+"""Factor on ρ: along the other axis, too, noise is removed."""
+
+SMALLEST_RATIO = 0.003
+"""Smallest ρ: what a wide PSF has removed wholly must not be asked back."""
+
+FLATTEST = 0.1
+"""Smallest variance of differences that is told from none, grey levels squared."""
+
+BAND = 64
+"""LR rows that one thread filters at once."""
+
+
+def restored(reference: GreyImage, grid: Grid, psf: Psf, noise: float) -> npt.NDArray[np.float32]:
+    """Return the view enlarged and sharpened, (K·H, K·W) float32.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation, grey levels.
+    """
+    psf_x, psf_y = psf_axes(psf, grid)
+    along_x = _taps(psf_x, grid.magnification_x, grid.offset_x, _ratio(reference, 1, noise, grid))
+    along_y = _taps(psf_y, grid.magnification_y, grid.offset_y, _ratio(reference, 0, noise, grid))
+    out = np.empty(grid.hr_shape((reference.shape[0], reference.shape[1])), np.float32)
+    image = np.ascontiguousarray(reference, np.float32)
+    starts = range(0, image.shape[0], BAND)
+    map_threads(
+        lambda lo: kernels.filter_phases(
+            image, along_x, along_y, lo, min(lo + BAND, image.shape[0]), out
+        ),
+        starts,
+    )
+    return out
+
+
+def _ratio(reference: GreyImage, axis: int, noise: float, grid: Grid) -> float:
+    """Return ρ along an axis (0: y, 1: x): differences of LR pixels tell those of HR pixels."""
+    magnification = grid.magnification_x if axis else grid.magnification_y
+    if reference.shape[axis] < 2:
+        return SMALLEST_RATIO
+    differences = np.diff(reference, axis=axis)
+    variance = float(np.vdot(differences, differences)) / differences.size - 2 * noise**2
+    ratio = SMOOTHNESS * noise**2 * magnification / max(variance, FLATTEST)
+    return max(ratio, SMALLEST_RATIO)
+
+
+def _taps(
+    psf: Psf | None, magnification: int, offset: float, ratio: float
+) -> npt.NDArray[np.float32]:
+    """Return the taps of each phase over LR pixels, (K, odd) float32, unit sum."""
+    if psf is None:
+        return np.ones((1, 1), np.float32)
+    count = 4 * REACH + 1
+    size = count * magnification
+    blur = np.zeros((count, size))
+    for row in range(count):
+        position = magnification * row + offset
+        centre = int(np.floor(position + 0.5))
+        taps = psf.taps_at(position - centre)
+        for index, tap in enumerate(taps, centre - taps.size // 2):
+            blur[row, mirror(index, size)] += tap
+    steps = np.diff(np.eye(size), axis=0)
+    inverse = np.linalg.solve(blur.T @ blur + ratio * steps.T @ steps, blur.T)
+    middle = count // 2
+    found = inverse[middle * magnification : (middle + 1) * magnification]
+    found = found[:, middle - REACH : middle + REACH + 1]
+    needed = np.flatnonzero((np.abs(found) > NEGLIGIBLE).any(axis=0))
+    reach = int(np.abs(needed - REACH).max())
+    found = found[:, REACH - reach : REACH + reach + 1]
+    return (found / found.sum(axis=1, keepdims=True)).astype(np.float32)

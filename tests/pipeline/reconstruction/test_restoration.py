@@ -1,0 +1,68 @@
+"""One view enlarged and sharpened by a linear filter: in its place, and better than bicubic."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.baselines import bicubic
+from pipeline.grid import Grid, Sampling
+from pipeline.metrics import psnr
+from pipeline.reconstruction.psf import GaussianPsf
+from pipeline.reconstruction.restoration import restored
+from pipeline.threads import set_threads, thread_count
+from tests.pipeline.reconstruction.test_fused import LR_SHAPE, PHASES, _grid, _observe, _truth
+
+
+@pytest.mark.parametrize(("magnification", "sampling"), PHASES)
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+def test_it_is_better_than_bicubic(magnification, sampling, noise):
+    grid = _grid(*magnification, sampling)
+    psf = GaussianPsf.of(0.5 * max(magnification))
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    observed = _observe(truth, grid, LR_SHAPE, (0.0, 0.0), psf, noise)
+    found = restored(observed, grid, psf, noise)
+    assert found.shape == truth.shape
+    assert psnr(found, truth, border=8) > psnr(bicubic(observed, grid), truth, border=8) + 0.5
+
+
+@pytest.mark.parametrize(("magnification", "sampling"), PHASES)
+def test_a_ramp_lies_where_the_grid_says(magnification, sampling):
+    grid = _grid(*magnification, sampling)
+    y, x = np.mgrid[:16, :22].astype(np.float32)
+    at_x, at_y = grid.to_hr(np.stack([x, y], axis=-1))
+    height, width = grid.hr_shape(x.shape)
+    row, column = np.mgrid[:height, :width]
+    found = restored(2 * at_x + at_y, grid, GaussianPsf.of(1.0), 0.0)
+    inner = np.s_[5 * magnification[1] : -5 * magnification[1],
+                  5 * magnification[0] : -5 * magnification[0]]  # fmt: skip
+    np.testing.assert_allclose(found[inner], (2 * column + row)[inner], atol=0.3)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 1), (3, 4)])
+def test_a_constant_stays_whatever_the_size(shape):
+    grid = Grid(magnification_x=3, magnification_y=2, sampling=Sampling.AREA)
+    found = restored(np.full(shape, 71, np.float32), grid, GaussianPsf.of(1.5), 1.0)
+    np.testing.assert_allclose(found, 71, rtol=1e-5)
+
+
+def test_the_more_noise_the_smoother():
+    grid = _grid()
+    psf = GaussianPsf.of(1.0)
+    truth = _truth(grid.hr_shape(LR_SHAPE))
+    observed = _observe(truth, grid, LR_SHAPE, (0.0, 0.0), psf, 4.0)
+    rough = [np.abs(np.diff(restored(observed, grid, psf, noise))).mean() for noise in (0, 2, 6)]
+    assert rough == sorted(rough, reverse=True)
+
+
+def test_one_thread_or_two_give_the_same_bits():
+    observed = _truth((150, 40))
+    before = thread_count()
+    try:
+        results = []
+        for threads in (1, 2):
+            set_threads(threads)
+            results.append(restored(observed, _grid(), GaussianPsf.of(1.0), 1.0))
+    finally:
+        set_threads(before)
+    np.testing.assert_array_equal(*results)
