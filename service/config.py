@@ -18,6 +18,7 @@ from typing import Any
 from pipeline.config import option_name, setting
 from pipeline.errors import ConfigurationError
 from service.bus.config import DEFAULT_ENDPOINT, MODES, BusConfig
+from service.bus.rules import Rights, parse_rights
 
 MIB = 1 << 20
 PREFIX = "DEPTHSR_"
@@ -65,6 +66,9 @@ class ServiceConfig:
     zenoh_key: Path | None = setting(None, "private key of our certificate (PEM)")
     zenoh_mutual_tls: bool = setting(False, "take only those with a certificate of the authority")
     zenoh_users: Path | None = setting(None, "file of who may connect, a line each: NAME:PASSWORD")
+    zenoh_rights: Path | None = setting(
+        None, "file of who may publish into and watch which stream (default: everybody all)"
+    )
     zenoh_user: str | None = setting(None, "name to give when connecting")
     zenoh_password_file: Path | None = setting(None, "file of the password to give when connecting")
     max_streams: int = setting(2, "streams at the same time", unit="streams")
@@ -113,7 +117,14 @@ class ServiceConfig:
                 raise ConfigurationError(
                     f"--zenoh-password-file: {self.zenoh_password_file} cannot be read: {error}"
                 ) from error
+        rights = None if self.zenoh_rights is None else _rights(self.zenoh_rights)
+        open_sockets = any(item.startswith("unixsock-stream/") for item in self.zenoh_listen)
+        if rights is not None and self.zenoh_users is None and open_sockets:
+            raise ConfigurationError(
+                "--zenoh-rights: who comes by a socket has no certificate; use --zenoh-users too"
+            )
         return BusConfig(
+            rights=rights,
             mode=self.zenoh,
             listen=() if self.zenoh == "client" else self.zenoh_listen,
             connect=self.zenoh_connect,
@@ -182,13 +193,24 @@ def format_config(loaded: LoadedConfig) -> str:
     return "\n".join(f"{name:<{widths[0]}}  {v:<{widths[1]}}  {o}" for name, v, o in rows)
 
 
-def _read(file: Path) -> dict[str, Any]:
+def _rights(file: Path) -> tuple[Rights, ...]:
+    try:
+        return parse_rights(_yaml(file))
+    except ConfigurationError as error:
+        raise ConfigurationError(f"--zenoh-rights: {file}: {error}") from None
+
+
+def _yaml(file: Path) -> Any:
     import yaml
 
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+        return yaml.safe_load(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise ConfigurationError(f"{file}: cannot be read: {error}") from error
+
+
+def _read(file: Path) -> dict[str, Any]:
+    content = _yaml(file)
     if content is None:
         return {}
     if not isinstance(content, dict):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pipeline.config import setting
 from pipeline.errors import ConfigurationError
+from service.bus.rules import Rights
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 MODES = ("router", "peer", "client", "off")
@@ -26,6 +27,8 @@ class BusConfig:
     user: str | None = setting(None, "name to give when connecting")
     password: str | None = setting(None, "password to give when connecting")
     users_file: Path | None = setting(None, "who may connect: NAME:PASSWORD a line")
+    rights: tuple[Rights, ...] | None = setting(None, "who may do what (None: everybody all)")
+    workers_user: str | None = setting(None, "name of our own workers, who may do everything")
     max_message: int = setting(64 << 20, "largest message taken", unit="bytes")
 
     def __post_init__(self) -> None:
@@ -36,9 +39,21 @@ class BusConfig:
             raise ConfigurationError("a certificate and its key: name both, or neither")
         if self.mode == "client" and not self.connect:
             raise ConfigurationError("a zenoh client needs an endpoint to connect to")
+        self._check_rights()
         for path in (self.ca, self.certificate, self.key, self.users_file):
             if path is not None and not path.is_file():
                 raise ConfigurationError(f"{path}: there is no such file")
+
+    def _check_rights(self) -> None:
+        """Refuse rights that could not be held: without names, or where another one decides."""
+        if self.rights is None:
+            return
+        if self.mode == "client":
+            raise ConfigurationError(
+                "access rules: those of the router hold, for a client has none"
+            )
+        if self.users_file is None and not self.mutual_tls:
+            raise ConfigurationError("access rules need names: passwords, or mutual TLS")
 
 
 def check_endpoint(endpoint: str) -> None:

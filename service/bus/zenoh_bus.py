@@ -27,6 +27,7 @@ import zenoh
 
 from service.bus.bus import Answer, BusError, Declared, Publisher, Question, Sample
 from service.bus.config import BusConfig
+from service.bus.rules import access_control
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +37,9 @@ CLOSING = 3.0
 SMALL_WAIT = 20_000
 """How long a message of one piece waits for a congested link before it is dropped, µs. zenoh's
 own millisecond loses pictures that all cameras send at once where the processor is busy."""
+
+PRIVATE = {"link_protocols": ["unixsock-stream"]}
+"""Who comes by the socket that only the service's user can open."""
 
 FRAGMENT_WAIT = 50_000
 """How long a large message waits for a congested link before it is dropped, µs."""
@@ -293,6 +297,9 @@ def _settings(config: BusConfig, listening: Sequence[str]) -> zenoh.Config:
             if value is not None
         },
     }
+    if config.rights is not None:
+        workers = {"usernames": [config.workers_user]} if config.workers_user else PRIVATE
+        values["access_control"] = access_control(config.rights, workers)
     made = zenoh.Config()
     for name, value in values.items():
         if value is not None:

@@ -293,7 +293,8 @@ class Streams:
             known = config.users_file.read_text(encoding="utf-8").rstrip("\n")
             users.write_text(f"{known}\n{self._user}:{self._password}\n", encoding="utf-8")
         listen = (*config.listen, f"unixsock-stream/{self._private}/bus")
-        return replace(config, listen=listen, users_file=users)
+        user = None if users is None else self._user
+        return replace(config, listen=listen, users_file=users, workers_user=user)
 
     def _listed(self) -> list[dict[str, Any]]:
         return [

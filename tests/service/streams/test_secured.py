@@ -8,7 +8,7 @@ import pytest
 import trustme
 
 from service.bus import keys
-from service.bus.bus import BusError
+from service.bus.bus import JSON, BusError
 from service.bus.config import BusConfig
 from service.bus.zenoh_bus import ZenohBus
 from tests.service.streams.conftest import PATIENCE, until
@@ -29,6 +29,7 @@ def certificates(tmp_path_factory):
         issued.cert_chain_pems[0].write_to_path(str(folder / f"{name}.pem"))
     (folder / "users").write_text("ann:a long password\n")
     (folder / "password").write_text("a long password\n")
+    (folder / "rights.yaml").write_text("ann: {publish: [tiny]}\n")
     return folder
 
 
@@ -42,7 +43,8 @@ def test_certificates_and_passwords_let_in_whom_they_should(
     stage = make_stage(
         "--zenoh-ca", str(folder / "ca.pem"), "--zenoh-certificate", str(folder / "server.pem"),
         "--zenoh-key", str(folder / "server.key"), "--zenoh-mutual-tls",
-        "--zenoh-users", str(folder / "users"), kind="tls", host="localhost",
+        "--zenoh-users", str(folder / "users"), "--zenoh-rights", str(folder / "rights.yaml"),
+        kind="tls", host="localhost",
         words=("--ca", str(folder / "ca.pem"), "--certificate", str(folder / "client.pem"),
                "--key", str(folder / "client.key"), "--user", "ann",
                "--password-file", str(folder / "password")),
@@ -65,3 +67,7 @@ def test_certificates_and_passwords_let_in_whom_they_should(
     with ZenohBus(BusConfig(connect=(stage.endpoint,), **tls, **ann)) as bus:
         (answer,) = until(lambda: bus.ask(keys.info("tiny")))
         assert json.loads(answer.read())["stream"] == "tiny"
+        manifest = {"format": "depthsr-scene/1", "views": [{"id": "a"}, {"id": "b"}]}
+        bus.put(keys.manifest("other"), json.dumps(manifest).encode(), encoding=JSON)
+        (answer,) = bus.ask(keys.SERVICE)
+        assert [item["stream"] for item in json.loads(answer.read())] == ["tiny"]
