@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import AsyncGenerator, Iterator, Mapping
 from contextlib import aclosing
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -116,16 +116,18 @@ def watch(request: Request, kind: Kind, name: Name, client: Reader) -> WatchView
             tracks[track] = seen
     job = programme.job
     state: Literal["waiting", "growing", "live", "ended"] = "live"
-    sampling = "area"
+    settings: Mapping[str, Any] = {}
     if job is not None:
         state = "ended" if programme.ended else "growing" if tracks else "waiting"
-        sampling = job.request["request"].get("settings", {}).get("sampling", sampling)
+        settings = job.request["request"].get("settings", {})
     elif not tracks:
         state = "waiting"
+    if (stream := request.app.state.streams.get(name)) is not None and job is None:
+        settings = stream.settings
     return WatchView(
         state=state,
         frames_total=None if job is None else job.frames_total,
-        sampling=sampling,
+        sampling=settings.get("sampling", "area"),
         tracks=tracks,
     )
 

@@ -36,6 +36,7 @@ class StreamOptions:
     quality: int = setting(20, "CRF of the H.264 video, 0 (lossless) to 51")
     jpeg_quality: int = setting(90, "quality of JPEG pictures, 1 to 100")
     real_time: bool = setting(True, "leave work out of frames where the rate asks for it")
+    before: bool = setting(True, "show the observed views beside the result in browsers")
     idle: float = setting(60.0, "silence after which the worker is ended", unit="seconds")
 
     def __post_init__(self) -> None:

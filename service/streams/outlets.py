@@ -26,6 +26,9 @@ KEY_INTERVAL = 1.0
 MAX_GROUP_BYTES = 32 << 20
 """Of the access units since the last key frame that are kept for late joiners."""
 
+CRF_OF_OBSERVED = 12
+"""What will be enlarged needs more bits."""
+
 STILL_INTERVAL = 0.2
 """Stills for browsers at most this often, seconds."""
 
@@ -37,6 +40,8 @@ class FinishedFrame:
     left: Picture
     """(H, W, 3) or (H, W), uint8."""
     right: Picture
+    observed: tuple[Picture, Picture] | None
+    """Left and right as they came, where they are to be shown beside."""
     frame_index: int
     position: int
     capture_time_ns: int
@@ -68,7 +73,8 @@ class Outlets:
     quality, jpeg_quality : int
         See :class:`service.streams.options.StreamOptions`.
     to_service : callable
-        Takes (kind, bytes) for browsers: ``mp4`` as they come, ``jpeg`` now and then.
+        Takes (kind, bytes) for browsers: ``mp4`` as they come, ``jpeg`` now and then, ``before``
+        the video of the observed pictures.
     """
 
     def __init__(
@@ -88,6 +94,7 @@ class Outlets:
         self._to_service = to_service
         self._clock = clock
         self._encoder: LiveEncoder | None = None
+        self._before: LiveEncoder | None = None
         self._shape: tuple[int, ...] = ()
         self._last_key = self._last_still = -1e9
         self._lock = threading.Lock()
@@ -128,6 +135,7 @@ class Outlets:
                 self._last_key = packed
         self._to_service("mp4", encoder.take_mp4())
         self._send_stills(frame, both)
+        self._send_observed(frame, key=is_key)
         seconds = {
             "pack": packed - begin,
             "encode": encoded - packed,
@@ -141,6 +149,10 @@ class Outlets:
             self._encoder.close()
             self._to_service("mp4", self._encoder.take_mp4())
             self._encoder = None
+        if self._before is not None:
+            self._before.close()
+            self._to_service("before", self._before.take_mp4())
+            self._before = None
 
     def _encoder_for(self, picture: Picture) -> LiveEncoder:
         """Return the encoder; a new one where the picture's shape is new."""
@@ -149,6 +161,16 @@ class Outlets:
             self._encoder = LiveEncoder(fps=self._fps, layout=StereoLayout.SBS, crf=self._quality)
             self._shape = picture.shape
         return self._encoder
+
+    def _send_observed(self, frame: FinishedFrame, *, key: bool) -> None:
+        """Give browsers what the result is compared with."""
+        if frame.observed is None:
+            return
+        if self._before is None:  # begins with the result's, so that both have one time
+            self._before = LiveEncoder(fps=self._fps, layout=StereoLayout.SBS, crf=CRF_OF_OBSERVED)
+        both = pack(*frame.observed, StereoLayout.SBS, multiple=2)
+        self._before.encode(both, frame.position, key=key)
+        self._to_service("before", self._before.take_mp4())
 
     def _send_stills(self, frame: FinishedFrame, both: Picture) -> None:
         pictures: dict[Output, Callable[[], Picture]] = {

@@ -18,7 +18,7 @@ from typing import Any
 from pipeline.colour import to_grey, to_rgb
 from pipeline.config import Settings
 from pipeline.errors import Interrupted, PipelineError, SceneError
-from pipeline.frames import MultiViewFrame
+from pipeline.frames import MultiViewFrame, View
 from pipeline.media.live_frames import LiveFrames
 from pipeline.media.live_manifest import LiveManifest
 from pipeline.psf_search import search_psf
@@ -257,7 +257,7 @@ class StreamSession:
             marks.append(self._clock())
             result = self._superresolved(frame, choice)
             marks.append(self._clock())
-            sent = self._outlets.send(self._finished(result, assembled))
+            sent = self._outlets.send(self._finished(result, frame, assembled))
         except Interrupted:
             return
         except MemoryError:
@@ -328,13 +328,18 @@ class StreamSession:
         """Return what was left out of a frame."""
         return str(choice.rung) if self.options.real_time else str(Rung())
 
-    def _finished(self, result: FrameResult, assembled: AssembledFrame) -> FinishedFrame:
+    def _finished(
+        self, result: FrameResult, frame: MultiViewFrame, assembled: AssembledFrame
+    ) -> FinishedFrame:
         """Return the pictures of both eyes; one that was left out shows its last picture."""
         left, right = self.manifest.pair
         self._eyes |= {view: _picture(image) for view, image in result.images.items()}
         return FinishedFrame(
             left=self._eyes[left],
             right=self._eyes[right],
+            observed=(_picture(frame.view(left)), _picture(frame.view(right)))
+            if self.options.before
+            else None,
             frame_index=assembled.frame_index,
             position=assembled.position,
             capture_time_ns=assembled.capture_time_ns,
@@ -389,7 +394,7 @@ def expected_of(manifest: LiveManifest, options: StreamOptions, limits: Limits) 
     )
 
 
-def _picture(image: SuperResolvedImage) -> Picture:
+def _picture(image: SuperResolvedImage | View) -> Picture:
     if image.chroma is None:
         return to_grey(image.luma, 8)
     return to_rgb(image.luma, image.chroma, 8)

@@ -40,8 +40,8 @@ class Stream:
     status: dict[str, Any] = field(default_factory=dict)
     """What its worker said last."""
     problem: dict[str, Any] | None = None
-    broadcast: Broadcast | None = None
-    """For browsers; None before the first manifest."""
+    broadcasts: tuple[Broadcast, Broadcast] | None = None
+    """For browsers, the result and the observed views; None before the first manifest."""
     process: StreamProcess | None = None
     losses: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_LOSSES))
     begin_at: float = 0.0

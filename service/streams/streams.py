@@ -231,8 +231,7 @@ class Streams:
             item.act(Action.STOP)
             if item.process is not None:
                 item.process.stop()
-            self._broadcasts.close(watched_as(stream))
-            item.broadcast = None
+            self._go_off_air(item)
             if item.client != FROM_BUS:
                 self._kept.keep(item)
         self._publish(item)
@@ -366,10 +365,12 @@ class Streams:
         item.manifest, item.problem = manifest, None
         item.losses.clear()
         item.begin_at = 0.0
-        if item.broadcast is None or item.broadcast.fps != manifest.fps:
-            item.broadcast = self._broadcasts.open(
-                watched_as(item.id), fps=manifest.fps, layout=StereoLayout.SBS
+        if item.broadcasts is None or item.broadcasts[0].fps != manifest.fps:
+            result, before = (
+                self._broadcasts.open(name, fps=manifest.fps, layout=StereoLayout.SBS)
+                for name in watched_as(item.id)
             )
+            item.broadcasts = (result, before)
         item.act(Action.BEGIN)
         self._wake.set()
 
@@ -401,7 +402,12 @@ class Streams:
         forgotten = item.client == FROM_BUS and now - item.since > FORGET
         if item.state is State.WAITING and process is None and forgotten:
             self._streams.pop(item.id, None)
-            self._broadcasts.close(watched_as(item.id))
+            self._go_off_air(item)
+
+    def _go_off_air(self, item: Stream) -> None:
+        for name in watched_as(item.id):
+            self._broadcasts.close(name)
+        item.broadcasts = None
 
     def _spawn(self, item: Stream) -> None:
         assert item.manifest is not None
@@ -421,12 +427,13 @@ class Streams:
             max_rate=self.config.max_rate,
         )
         run = item.run
-        broadcast = item.broadcast
-        assert broadcast is not None
+        assert item.broadcasts is not None
+        result, before = item.broadcasts
+        takers = {b"m": result.feed, b"j": result.show, b"b": before.feed}
 
         def pictures(kind: bytes, data: bytes) -> None:
             if item.run == run:
-                broadcast.feed(data) if kind == b"m" else broadcast.show(data)
+                takers[kind](data)
 
         item.process = StreamProcess(
             order,
@@ -515,9 +522,9 @@ class Streams:
                 self._bus.put(keys.status(stream), json.dumps(said).encode(), encoding=JSON)
 
 
-def watched_as(stream: str) -> str:
-    """Return the name of a stream's broadcast."""
-    return f"streams/{stream}"
+def watched_as(stream: str) -> tuple[str, str]:
+    """Return the names of a stream's broadcasts: the result, and the observed views."""
+    return f"streams/{stream}", f"streams/{stream}/before"
 
 
 def _plain(config: BusConfig) -> dict[str, Any]:

@@ -4,8 +4,8 @@ stdin: one line of JSON (:class:`StreamOrder`); later the line ``stop``; its end
 means that the service is gone, and this process ends at once. stdout: a line of
 JSON for each event: ``beat`` every second, ``status``, last ``stopped`` or
 ``problem``. A pipe named in the order carries pictures for browsers as records:
-one letter (``m`` fragmented MP4, ``j`` JPEG), four bytes of length (big-endian),
-the bytes.
+one letter (``m`` fragmented MP4, ``b`` that of the observed views, ``j`` JPEG),
+four bytes of length (big-endian), the bytes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from service.child import Voice, begin, limit_memory, take_stdout
 RECORD = struct.Struct(">cI")
 """Head of a record: kind and length."""
 
-KINDS = {"mp4": b"m", "jpeg": b"j"}
+KINDS = {"mp4": b"m", "jpeg": b"j", "before": b"b"}
 
 
 @dataclass(frozen=True, kw_only=True)

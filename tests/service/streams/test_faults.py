@@ -89,8 +89,10 @@ def test_what_is_lost_and_in_disorder_is_counted_and_the_rest_goes_on(stage):
 
 def test_browsers_get_the_same_video(stage):
     where = f"{stage.service.url}/api/v1/streams/tiny/watch"
-    track = until(lambda: httpx.get(where, timeout=30).json()["tracks"].get("result"))
-    assert (track["layout"], track["fps"]) == ("sbs", 6.0)
+    until(lambda: len(httpx.get(where, timeout=30).json()["tracks"]) == 2)
+    before, track = (httpx.get(where, timeout=30).json()["tracks"][n] for n in ("before", "result"))
+    assert (track["layout"], track["fps"]) == (before["layout"], before["fps"]) == ("sbs", 6.0)
+    assert (before["eye_width"], track["eye_width"]) == (48, 96)
     playlist = f"{stage.service.url}{track['playlist']}"
     until(lambda: "#EXTINF" in httpx.get(playlist, timeout=30).text)
 

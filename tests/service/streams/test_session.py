@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 import threading
 from dataclasses import replace
 from fractions import Fraction
 
+import av
 import numpy as np
 import pytest
 
@@ -105,7 +107,17 @@ def test_what_comes_out_is_what_the_worker_makes(network, source, tiny_scene):
     assert [item["sequence"] for item in made] == list(range(6))
     assert [item["frame_index"] for item in made] == list(source.frame_indices)
     assert made[0]["key"]
-    assert {kind for kind, _ in session.pictures} == {"mp4", "jpeg"}
+    assert {kind for kind, _ in session.pictures} == {"mp4", "jpeg", "before"}
+    beside = b"".join(data for kind, data in session.pictures if kind == "before")
+    with av.open(io.BytesIO(beside)) as video:
+        shown = [item.to_ndarray(format="rgb24").astype(int) for item in video.decode(video=0)]
+    assert len(shown) == 6
+    half = shown[-1][:, : shown[-1].shape[1] // 2]
+    apart = [
+        np.abs((half - _picture(frame.view(view))) @ [0.2126, 0.7152, 0.0722]).mean()
+        for view in (info.left, info.right)
+    ]  # of luma: the colour of so small a picture has half its size
+    assert apart[0] < 0.2 * apart[1]
     (answer,) = bus.ask(keys.output("s", Output.SBS))
     units = [json.loads(attachment) for attachment, _ in split_group(answer)]
     assert units[0]["key"]
