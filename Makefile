@@ -1,7 +1,7 @@
 # make demo    render a small scene, super-resolve it, look at it (demo/)
 # make test    format, lint and tests, JOBS=2 files at once: what .ci/run runs
 # make bench   the benchmark table
-# make soak    2,000 frames: memory flat, quality steady (docs/soak.md)
+# make soak    2,000 frames: memory flat, quality steady (docs/soak.md); the service under load
 # make quality the tables of quality; DEPTHSR_SCENES names the folder of the real scenes
 # make peers   packages of other projects that `depthsr evaluate all` compares with (.peers/)
 # make lint    format and lint alone
@@ -36,6 +36,7 @@ bench: $(RUN)
 
 soak: $(RUN)
 	$(BIN)/python -m benchmarks.soak --write docs/soak.md
+	$(BIN)/python -m benchmarks.service --write docs/load.md
 
 quality: $(RUN)
 	$(BIN)/python -m benchmarks.quality

@@ -52,22 +52,26 @@ def measure_stream(plan: StreamPlan, threads: int) -> dict[str, Any]:
         width, height = plan.size
         scene = SampleScene(width=width, height=height, num_views=plan.num_views)
         write_scene(folder / "scene", scene, num_frames=plan.num_frames)
-        with _running(folder, plan, threads) as url, httpx.Client(base_url=url, timeout=30) as api:
-            pause = threading.Event()
-            for _ in range(int(4 * PATIENCE)):
-                found = api.get(f"/api/v1/streams/{STREAM}").json()
-                if found.get("state") == "live":
-                    break
-                pause.wait(0.25)
-            else:
-                raise RuntimeError(f"the stream did not come alive: {found}")
-            pause.wait(plan.seconds)
+        with running(folder, plan, threads) as url, httpx.Client(base_url=url, timeout=30) as api:
+            wait_until_live(api)
+            threading.Event().wait(plan.seconds)
             status: dict[str, Any] = api.get(f"/api/v1/streams/{STREAM}").json()["status"]
             return status
 
 
+def wait_until_live(api: httpx.Client) -> None:
+    """Return once the stream is live."""
+    pause = threading.Event()
+    for _ in range(int(4 * PATIENCE)):
+        found = api.get(f"/api/v1/streams/{STREAM}").json()
+        if found.get("state") == "live":
+            return
+        pause.wait(0.25)
+    raise RuntimeError(f"the stream did not come alive: {found}")
+
+
 @contextmanager
-def _running(folder: Path, plan: StreamPlan, threads: int) -> Iterator[str]:
+def running(folder: Path, plan: StreamPlan, threads: int) -> Iterator[str]:
     """Yield the address of a service with the stream's source running."""
     ours = [sys.executable, "-m", "service"]
     endpoint = f"unixsock-stream/{folder}/bus"

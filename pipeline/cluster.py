@@ -33,6 +33,7 @@ from pipeline.job import Job, Segment
 from pipeline.media.media_sink import MediaSink
 from pipeline.report import versions
 from pipeline.segments import FrameComputed, LocalEngine, Work, is_finished, open_source
+from pipeline.sink import OutputPlan, Sink
 from pipeline.stop import StopFlag
 from pipeline.workfolder import SegmentFiles
 
@@ -56,6 +57,7 @@ class _Order:
     """Where its news go."""
     token: Path
     """A file that is there as long as the results are wanted."""
+    make_sink: Callable[[OutputPlan], Sink]
 
 
 class ClusterEngine:
@@ -68,6 +70,9 @@ class ClusterEngine:
         Dask's configuration.
     patience : float
         Seconds that it may take to answer, and its first worker to appear.
+    make_sink : callable
+        Makes where the results go of the plan, on the workers: it travels there as a pickle, and
+        must make what the sink of the run makes.
 
     Raises
     ------
@@ -75,8 +80,15 @@ class ClusterEngine:
         If no scheduler answers, or it has no worker.
     """
 
-    def __init__(self, address: str, *, patience: float = PATIENCE) -> None:
+    def __init__(
+        self,
+        address: str,
+        *,
+        patience: float = PATIENCE,
+        make_sink: Callable[[OutputPlan], Sink] = MediaSink,
+    ) -> None:
         self.address = address
+        self._make_sink = make_sink
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # versions are our own check
@@ -147,7 +159,9 @@ class ClusterEngine:
         waiting: dict[str, tuple[Segment, Future]] = {}
         try:
             for segment in segments:
-                order = _Order(work=work, segment=segment, topic=name, token=token)
+                order = _Order(
+                    work=work, segment=segment, topic=name, token=token, make_sink=self._make_sink
+                )
                 future = self._client.submit(
                     _call("compute_segment"), pickle.dumps(order),
                     key=f"{name}-{segment.name}", pure=False,
@@ -314,7 +328,7 @@ def compute_segment(order: bytes) -> None:
     """Compute one segment on this worker."""
     told: _Order = pickle.loads(order)
     worker = get_worker()
-    sink = MediaSink(told.work.plan)
+    sink = told.make_sink(told.work.plan)
     if is_finished(SegmentFiles(told.work.folder), sink, told.segment):
         return  # a worker died between its last file and its answer
 

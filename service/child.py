@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import queue
 import resource
 import signal
 import sys
 import threading
 import time
+from pathlib import Path
 from typing import IO
 
 BEAT = 1.0
@@ -39,6 +41,19 @@ def take_stdout() -> Voice:
     return voice
 
 
+def log_to(path: Path) -> None:
+    """Append whatever is printed from now on to a file."""
+    with path.open("ab") as file:
+        for descriptor in (1, 2):
+            os.dup2(file.fileno(), descriptor)
+
+
+def step_back(nice: int) -> None:
+    """Let others go first: this thread, and those that it starts."""
+    if nice > os.getpriority(os.PRIO_PROCESS, 0):
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
+
+
 def limit_memory(size: int) -> None:
     """Allow no more than this address space (bytes; 0: any), and no core dumps."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -46,16 +61,23 @@ def limit_memory(size: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (size, size))
 
 
-def begin(voice: Voice) -> None:
-    """Beat every second; end with a signal when stdin says ``stop``, at once when it ends."""
-    threading.Thread(target=_listen, daemon=True).start()
+def begin(voice: Voice) -> queue.SimpleQueue[str]:
+    """Beat every second; end with a signal when stdin says ``stop``, at once when it ends.
+
+    Returns the other lines of stdin as they come.
+    """
+    orders: queue.SimpleQueue[str] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(orders,), daemon=True).start()
     threading.Thread(target=_beat, args=(voice,), daemon=True).start()
+    return orders
 
 
-def _listen() -> None:
+def _listen(orders: queue.SimpleQueue[str]) -> None:
     for line in sys.stdin:
         if line.strip() == "stop":
             os.kill(os.getpid(), signal.SIGTERM)
+        else:
+            orders.put(line)
     os._exit(1)
 
 

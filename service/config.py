@@ -8,6 +8,7 @@ DEPTHSR_WORKERS and so on: the name of the field in capitals.
 from __future__ import annotations
 
 import dataclasses
+import re
 import types
 import typing
 from collections.abc import Mapping
@@ -41,6 +42,10 @@ class ServiceConfig:
     workers: int = setting(1, "jobs computed at the same time", unit="processes")
     worker_threads: int = setting(0, "threads of a worker (0: the job's)", unit="threads")
     worker_memory: int = setting(16384, "address space of a worker (0: no limit)", unit="MiB")
+    worker_nice: int = setting(5, "how far jobs' workers step back for others", unit="nice")
+    cluster: str | None = setting(
+        None, "compute jobs on the workers of the Dask scheduler there: tcp://HOST:PORT"
+    )
     max_attempts: int = setting(3, "times a job is tried when its worker dies", unit="attempts")
     lease: float = setting(30.0, "silence after which a worker counts as hung", unit="seconds")
     stall: float = setting(900.0, "time without progress after which it does", unit="seconds")
@@ -82,9 +87,10 @@ class ServiceConfig:
     def __post_init__(self) -> None:
         limits = {
             "port": (0, 65535), "workers": (0, 256), "worker_threads": (0, 256),
-            "worker_memory": (0, 1 << 24), "max_attempts": (1, 100), "lease": (1, 3600),
-            "stall": (1, 86400), "max_body": (1, 1 << 24), "max_files": (1, 1_000_000),
-            "max_pixels": (1, 1 << 30), "max_frames": (1, 10_000_000), "max_queue": (1, 1_000_000),
+            "worker_memory": (0, 1 << 24), "worker_nice": (0, 19), "max_attempts": (1, 100),
+            "lease": (1, 3600), "stall": (1, 86400), "max_body": (1, 1 << 24),
+            "max_files": (1, 1_000_000), "max_pixels": (1, 1 << 30),
+            "max_frames": (1, 10_000_000), "max_queue": (1, 1_000_000),
             "quota": (1, 1 << 30), "disk_reserve": (0, 1 << 24), "grace": (0.1, 600),
             "max_streams": (0, 256), "max_views": (2, 256), "max_payload": (1, 1024),
             "max_rate": (0.1, 1000),
@@ -94,6 +100,10 @@ class ServiceConfig:
                 raise ConfigurationError(
                     f"{option_name(name)}: must be {least} to {most}, not {getattr(self, name)}"
                 )
+        if self.cluster is not None and not re.match(r"(tcp|tls)://.+:\d+$", self.cluster):
+            raise ConfigurationError(
+                f"--cluster: {self.cluster!r} is no address; write tcp://HOST:PORT"
+            )
         if self.log_level not in ("debug", "info", "warning", "error"):
             raise ConfigurationError(f"--log-level: {self.log_level!r} is not a level")
         if self.zenoh not in MODES:

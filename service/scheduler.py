@@ -5,22 +5,23 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import os
 import shutil
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from service.child import environment
 from service.config import MIB, ServiceConfig
-from service.http.problems import problem
 from service.jobs.states import Action, State, TransitionError
+from service.problem_table import problem
 from service.store import JobRecord, Store
-from service.worker_process import WorkOrder
+from service.worker_process import LOG, WorkOrder
 
 log = logging.getLogger(__name__)
 
@@ -29,6 +30,9 @@ TICK = 1.0
 
 LOG_LIMIT = 1 << 20
 """A worker's log is begun anew beyond this, bytes."""
+
+MAX_JOBS = 100
+"""Jobs that one process does, one after the other and all of one client."""
 
 
 class Scheduler:
@@ -66,6 +70,7 @@ class Scheduler:
         self._closing = False
         self._lock = threading.Lock()
         self._workers: dict[str, _Worker] = {}
+        self._resting: list[_Process] = []
         self._thread = threading.Thread(target=self._run, name="depthsr-scheduler", daemon=True)
 
     def start(self) -> None:
@@ -89,6 +94,7 @@ class Scheduler:
         for worker in workers:
             worker.kill()
             worker.join(5)
+        self._dismiss()
 
     def poke(self) -> None:
         """Look for work at once."""
@@ -133,17 +139,35 @@ class Scheduler:
             self._wake.wait(TICK)
 
     def _fill(self) -> None:
-        free = shutil.disk_usage(self.store.folder).free
-        if free < self.config.disk_reserve * MIB:
-            return  # until somebody makes room
-        while self.busy < self.config.workers and not self._closing:
+        while self.busy < self.config.workers and self._has_room and not self._closing:
             record = self.store.take(self.config.lease)
             if record is None:
-                return
-            worker = _Worker(self, record)
+                break
             with self._lock:
+                worker = _Worker(self, record, self._rested(record.client))
                 self._workers[record.id] = worker
             worker.start()
+        self._dismiss()
+
+    @property
+    def _has_room(self) -> bool:
+        """False while somebody has to make room on the disk."""
+        return shutil.disk_usage(self.store.folder).free >= self.config.disk_reserve * MIB
+
+    def _rested(self, client: str) -> _Process | None:
+        """Take a process that has done a job of the same client, and is good for another one."""
+        for process in self._resting:
+            if process.client == client and process.is_alive:
+                self._resting.remove(process)
+                return process
+        return None
+
+    def _dismiss(self) -> None:
+        """End the processes that nobody has taken."""
+        with self._lock:
+            resting, self._resting = self._resting, []
+        for process in resting:
+            process.end()
 
     def _watch(self) -> None:
         silent = {record.id for record in self.store.expired()}
@@ -153,29 +177,74 @@ class Scheduler:
             for worker in workers.values():  # while the database can still be written
                 worker.fail(problem("disk-full", "the disk is full; make room, then retry"))
         for job_id, worker in workers.items():
-            if job_id in silent or worker.idle_seconds > self.config.stall:
+            is_silent = worker.silent_seconds > self.config.lease
+            if is_silent or worker.idle_seconds > self.config.stall:
                 log.warning("worker hangs: killed", extra={"job": job_id})
                 worker.kill()
         for job_id in silent - workers.keys():
             lose(self.store, job_id, self.config.max_attempts)
 
-    def _ended(self, worker: _Worker) -> None:
+    def _ended(self, worker: _Worker, process: _Process | None) -> None:
         with self._lock:
             self._workers.pop(worker.record.id, None)
+            if process is not None:
+                self._resting.append(process)
         self._on_end(worker.record.id)
         self._wake.set()
 
 
-class _Worker:
-    """One worker process and the thread that listens to it."""
+class _Process:
+    """A worker process, which does jobs of one client one after the other."""
 
-    def __init__(self, scheduler: Scheduler, record: JobRecord) -> None:
+    def __init__(self, client: str, log_file: Path) -> None:
+        self.client = client
+        self.jobs = 0
+        with log_file.open("ab") as errors:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "service.worker_process"],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors,
+                text=True, encoding="utf-8", env=environment(), start_new_session=True,
+            )  # fmt: skip
+        self.pid = self._process.pid
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it has not ended."""
+        return self._process.poll() is None
+
+    def tell(self, line: str) -> None:
+        """Write a line to it, if it still listens."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError, ValueError):
+            self._process.stdin.write(line + "\n")
+            self._process.stdin.flush()
+
+    def lines(self) -> Iterator[str]:
+        """Yield what it says; ends with it."""
+        assert self._process.stdout is not None
+        yield from iter(self._process.stdout.readline, "")
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()
+
+    def end(self) -> None:
+        """End it, and see it off."""
+        with contextlib.suppress(OSError), self._process:  # closes the pipes, waits
+            self._process.kill()
+
+
+class _Worker:
+    """One job in a worker process, and the thread that listens to it."""
+
+    def __init__(self, scheduler: Scheduler, record: JobRecord, process: _Process | None) -> None:
         self.record = record
         self._scheduler = scheduler
-        self._process: subprocess.Popen[str] | None = None
-        self._heard = time.monotonic()
+        self._lock = threading.Lock()
+        self._process = process
+        self._alive = self._heard = time.monotonic()
         self._renewed = 0.0
-        self._cancelled = self._stopping = False
+        self._cancelled = self._stopping = self._killed = False
         self._verdict: dict[str, Any] | None = None
         self._thread = threading.Thread(target=self._run, name=f"depthsr-worker-{record.id}")
         self._thread.daemon = True
@@ -183,6 +252,11 @@ class _Worker:
     @property
     def pid(self) -> int:
         return self._process.pid if self._process else 0
+
+    @property
+    def silent_seconds(self) -> float:
+        """Time since the last sign of life: not by the clock of leases, which may jump."""
+        return time.monotonic() - self._alive
 
     @property
     def idle_seconds(self) -> float:
@@ -200,11 +274,10 @@ class _Worker:
         self.stop()
 
     def stop(self) -> None:
-        self._stopping = True
-        if self._process is not None and self._process.stdin is not None:
-            with contextlib.suppress(OSError, ValueError):
-                self._process.stdin.write("stop\n")
-                self._process.stdin.flush()
+        with self._lock:
+            self._stopping = True
+            if self._process is not None:
+                self._process.tell("stop")
 
     def fail(self, verdict: dict[str, Any]) -> None:
         """End the process; the job fails for that reason."""
@@ -212,24 +285,40 @@ class _Worker:
         self.kill()
 
     def kill(self) -> None:
-        if self._process is not None:
-            self._process.kill()
+        with self._lock:
+            self._killed = True
+            if self._process is not None:
+                self._process.kill()
 
     def _run(self) -> None:
         last: dict[str, Any] = {}
+        rested = None
         try:
             last = self._listen()
         except Exception:
             log.warning("worker could not be run", exc_info=True, extra={"job": self.record.id})
             self.kill()
         finally:
+            rested = self._let_go(last)
             try:
                 self._conclude(last)
             except (KeyError, TransitionError):
                 pass  # deleted, or taken from it, meanwhile
             except Exception:  # the lease will run out, and the scheduler finds the job
                 log.warning("end of job not written", exc_info=True, extra={"job": self.record.id})
-            self._scheduler._ended(self)
+            self._scheduler._ended(self, rested)
+
+    def _let_go(self, last: Mapping[str, Any]) -> _Process | None:
+        """Return the process where it is good for another job; end it where it is not."""
+        with self._lock:
+            process, self._process = self._process, None
+        if process is None:
+            return None
+        is_good = last.get("event") == "done" and not self._stopping and not self._killed
+        if is_good and process.jobs < MAX_JOBS:
+            return process
+        process.end()
+        return None
 
     def _listen(self) -> dict[str, Any]:
         config, store, record = self._scheduler.config, self._scheduler.store, self.record
@@ -243,47 +332,42 @@ class _Worker:
             memory=config.worker_memory * MIB,
             max_pixels=config.max_pixels,
             max_frames=config.max_frames,
+            cluster=config.cluster or "",
+            nice=min(19, os.getpriority(os.PRIO_PROCESS, 0) + config.worker_nice),
         )
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / "worker.log"
-        too_long = path.exists() and path.stat().st_size > LOG_LIMIT
-        last: dict[str, Any] = {}
-        with path.open("w" if too_long else "a", encoding="utf-8") as errors:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "service.worker_process"],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors,
-                text=True, encoding="utf-8", env=environment(), start_new_session=True,
-            )  # fmt: skip
+        path = folder / LOG
+        if path.exists() and path.stat().st_size > LOG_LIMIT:
+            path.unlink()
+        process = self._process or _Process(record.client, path)
         log.info("worker started", extra={"job": record.id, "attempt": record.attempt})
-        with self._process as process:
-            assert process.stdin is not None
-            assert process.stdout is not None
-            with contextlib.suppress(OSError):
-                process.stdin.write(json.dumps(asdict(order)) + "\n")
-                process.stdin.flush()
+        process.jobs += 1
+        process.tell(json.dumps(asdict(order)))
+        with self._lock:
+            self._process = process
             if self._stopping:  # asked before there was a process
-                self.stop()
-            for line in process.stdout:
-                try:
-                    said = json.loads(line)
-                    kind = said.pop("event")
-                except (ValueError, KeyError):
-                    continue  # torn off by a kill
-                self._renew()
-                if kind == "beat":
-                    continue
-                self._heard = time.monotonic()
-                if kind == "piece":
-                    self._scheduler._on_piece(record.id, said)
-                    continue
-                if kind in ("done", "stopped", "problem"):
-                    last = {"event": kind, **said}
-                    continue
+                process.tell("stop")
+            if self._killed:
+                process.kill()
+        for line in process.lines():
+            try:
+                said = json.loads(line)
+                kind = said.pop("event")
+            except (ValueError, KeyError):
+                continue  # torn off by a kill
+            self._alive = time.monotonic()
+            self._renew()
+            if kind == "beat":
+                continue
+            self._heard = self._alive
+            if kind == "piece":
+                self._scheduler._on_piece(record.id, said)
+            elif kind in ("done", "stopped", "problem"):
+                return {"event": kind, **said}
+            else:
                 store.report(record.id, kind, said)
                 self._scheduler._on_event(kind, said)
-            process.stdin.close()
-            process.wait()
-        return last
+        return {}
 
     def _renew(self) -> None:
         now, lease = time.monotonic(), self._scheduler.config.lease

@@ -77,6 +77,7 @@ MIGRATIONS = (
     ALTER TABLE job ADD COLUMN parent TEXT REFERENCES job (id) ON DELETE SET NULL;
     CREATE INDEX job_parent ON job (parent);
     """,
+    "CREATE INDEX job_client ON job (client, started);",
 )
 """One script for each step of ``PRAGMA user_version``."""
 
@@ -294,12 +295,17 @@ class Store:
         with self._transaction() as db:
             row = db.execute(
                 """
-                SELECT id, state FROM job AS j WHERE state = 'queued'
-                ORDER BY priority DESC,
-                    (SELECT count(*) FROM job WHERE client = j.client
-                        AND state IN ('running', 'cancelling')),
-                    (SELECT ifnull(max(started), 0) FROM job WHERE client = j.client),
-                    number
+                WITH waiting AS (SELECT DISTINCT client FROM job WHERE state = 'queued'),
+                turn AS MATERIALIZED (
+                    SELECT client,
+                        (SELECT count(*) FROM job WHERE +client = waiting.client
+                            AND state IN ('running', 'cancelling')) AS busy,
+                        (SELECT ifnull(max(started), 0) FROM job
+                            WHERE client = waiting.client) AS last
+                    FROM waiting
+                )
+                SELECT id, state FROM job JOIN turn USING (client) WHERE state = 'queued'
+                ORDER BY priority DESC, busy, last, number
                 LIMIT 1
                 """
             ).fetchone()

@@ -1,14 +1,15 @@
-"""A process of its own that does one job: the request on stdin, what happens on stdout.
+"""A process of its own that does jobs: requests on stdin, what happens on stdout.
 
-stdin: one line of JSON (:class:`WorkOrder`); later the line ``stop``; its end means that the
-service is gone, and this process ends at once. stdout: one line of JSON for each event
-(``{"event": KIND, ...}``), a ``beat`` every second, a ``piece`` when there is more to watch,
-and last ``done`` or ``problem``. Decoding
-and computing happen here only, with the memory that the service allows.
+stdin: a line of JSON for a job (:class:`WorkOrder`), another one after its ``done``; the line
+``stop`` ends the job; the end of stdin means that the service is gone, and this process ends at
+once. stdout: one line of JSON for each event (``{"event": KIND, ...}``), a ``beat`` every second,
+a ``piece`` when there is more to watch, and last ``done``, or ``stopped`` or ``problem`` before
+the process ends. Decoding and computing happen here only, with the memory that the service allows.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import signal
@@ -18,7 +19,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from service.child import Voice, begin, limit_memory, take_stdout
+from service.child import Voice, begin, limit_memory, log_to, step_back, take_stdout
+
+LOG = "worker.log"
+"""Name of the file in a job's folder that its workers' words go to."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,26 +39,38 @@ class WorkOrder:
     """Address space, bytes; 0 is no limit."""
     max_pixels: int = 1 << 25
     max_frames: int = 100_000
+    nice: int = 0
+    cluster: str = ""
+    """Address of the Dask scheduler whose workers compute the segments; "": this process does."""
 
 
 def main() -> int:
-    """Do the job that stdin orders."""
+    """Do the jobs that stdin orders, until one of them does not end well."""
     voice = take_stdout()
-    order = WorkOrder(**json.loads(sys.stdin.readline()))
-    limit_memory(order.memory)
-    begin(voice)
-
+    orders = begin(voice)
     from service.numba_cache import prepare_numba_cache
 
     prepare_numba_cache()
+    while _serve(WorkOrder(**json.loads(orders.get())), voice):
+        pass
+    return 1
+
+
+def _serve(order: WorkOrder, voice: Voice) -> bool:
+    """Do one job; return whether this process is good for another one."""
+    log_to(Path(order.folder) / LOG)
+    limit_memory(order.memory)
+    step_back(order.nice)
     from pipeline.errors import Interrupted, PipelineError
-    from service.http.problems import problem
+    from service.problem_table import problem
 
     try:
         with (Path(order.folder) / "worker.lock").open("w") as lock:
             _wait_for(lock)
-            voice.say("done", **_work(order, voice))
-        return 0
+            said = _work(order, voice)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # between jobs there is nothing to stop
+        voice.say("done", **said)
+        return True
     except Interrupted:
         voice.say("stopped")
     except PipelineError as error:
@@ -65,20 +81,23 @@ def main() -> int:
     except OSError as error:
         kind = "disk-full" if error.errno in (28, 122) else "output-error"
         voice.say("problem", problem=problem(kind, error.strerror or type(error).__name__))
-    return 1
+    return False
 
 
 def _work(order: WorkOrder, voice: Voice) -> dict[str, Any]:
     """Do the job, once; a worker that died after its work has left its last word."""
     from pipeline.events import Event
-    from pipeline.media.files import write_atomic
+    from pipeline.media.files import TEMPORARY_SUFFIX, write_atomic
     from pipeline.stop import StopFlag
 
-    results = Path(order.folder) / "results"
+    folder = Path(order.folder)
+    for path in folder.rglob(f".*{TEMPORARY_SUFFIX}"):
+        path.unlink(missing_ok=True)  # half written by a worker that is no more
+    results = folder / "results"
     results.mkdir(exist_ok=True)
-    finished = Path(order.folder) / "done.json"
-    if finished.exists():
-        return json.loads(finished.read_text(encoding="utf-8"))
+    finished = folder / "done.json"
+    if (kept := _kept(finished)) is not None:
+        return kept
 
     def tell(event: Event) -> None:
         voice.say(type(event).__name__, **asdict(event))
@@ -106,13 +125,14 @@ def _export(order: WorkOrder, voice: Voice, tell: Any, stop: Any) -> dict[str, A
 
 def _compute(order: WorkOrder, voice: Voice, tell: Any, stop: Any) -> dict[str, Any]:
     from pipeline.errors import SceneError
+    from pipeline.events import Event, SegmentFinished
     from pipeline.export import export
     from pipeline.media.files import write_atomic
     from pipeline.media.source import FrameSource, open_scene
     from pipeline.run import Tools, run_job
     from service.jobs.request import JobRequest, export_options, make_job
-    from service.jobs.sinks import JobSinks, master_in
-    from service.jobs.watch_sink import EyeSources
+    from service.jobs.sinks import WATCH, JobSinks, master_in
+    from service.jobs.watch_sink import EyeSources, FoundPieces, untold
 
     folder = Path(order.folder)
     results = folder / "results"
@@ -134,24 +154,49 @@ def _compute(order: WorkOrder, voice: Voice, tell: Any, stop: Any) -> dict[str, 
     def tell_piece(track: str, number: int) -> None:
         voice.say("piece", track=track, number=number)
 
-    sinks = JobSinks(
-        folder=folder,
-        sources=EyeSources(open_scene=open_scene, scene=job.scene, options=job.input),
+    remote = JobSinks(
+        folder=folder.absolute(),
+        sources=EyeSources(open_scene=open_scene, scene=job.scene.absolute(), options=job.input),
         keep_master=request.output.master,
-        on_piece=tell_piece,
     )
+    is_ours = not order.cluster or job.settings.realtime  # the rate that is held is one machine's
+    sinks = dataclasses.replace(remote, on_piece=tell_piece if is_ours else untold)
+    found = FoundPieces(folder / WATCH, tell_piece)
+
+    def tell_more(event: Event) -> None:
+        tell(event)
+        if not is_ours and isinstance(event, SegmentFinished):
+            found.look()
 
     computed = folder / "computed.json"
-    if not computed.exists():  # else an earlier worker died over the exports
+    said = _kept(computed)
+    if said is None:  # else an earlier worker died over the exports
         tools = dataclasses.replace(Tools(), open_scene=open_checked, make_sink=sinks)
-        summary = run_job(job, on_event=tell, stop=stop, resume=True, tools=tools)
+        with contextlib.ExitStack() as stack:
+            engine = None
+            if not is_ours:
+                from pipeline.cluster import ClusterEngine
+
+                engine = stack.enter_context(ClusterEngine(order.cluster, make_sink=remote))
+            summary = run_job(
+                job, on_event=tell_more, stop=stop, resume=True, engine=engine, tools=tools
+            )
         said = {"frames": summary.frames, "seconds": summary.seconds}
         write_atomic(computed, json.dumps(said).encode())
     for form in request.exports:
         options = export_options(form, results, order.name)
         if options.output is None or not options.output.exists():
             export(master_in(folder), options, stop=stop)
-    return dict(json.loads(computed.read_text(encoding="utf-8")))
+    return said
+
+
+def _kept(path: Path) -> dict[str, Any] | None:
+    """Return what an earlier worker has left behind; None where there is nothing whole."""
+    try:
+        said = json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):
+        return None
+    return said if isinstance(said, dict) else None
 
 
 def _kind(error: Exception) -> str:

@@ -1,10 +1,9 @@
-"""Every problem that HTTP clients may meet, in one table (RFC 9457)."""
+"""Problems as HTTP clients meet them (RFC 9457); the table is :mod:`service.problem_table`."""
 
 from __future__ import annotations
 
 import logging
 import sqlite3
-from dataclasses import dataclass
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -15,6 +14,7 @@ from starlette.exceptions import HTTPException
 
 from dscqs.errors import DscqsError
 from pipeline.errors import PipelineError
+from service.problem_table import KINDS, problem
 
 log = logging.getLogger(__name__)
 
@@ -31,43 +31,6 @@ KINDS_OF_DSCQS = {
     "stimulus-lost": "internal", "dscqs-error": "internal",
 }  # fmt: skip
 """Kind of problem by the code of a :class:`DscqsError`."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """One kind of problem."""
-
-    status: int
-    title: str
-
-
-KINDS = {
-    "bad-request": Kind(400, "The request cannot be understood"),
-    "unauthorized": Kind(401, "A bearer token is needed"),
-    "forbidden": Kind(403, "The token does not allow this"),
-    "not-found": Kind(404, "There is no such thing"),
-    "method-not-allowed": Kind(405, "The resource does not know this method"),
-    "too-slow": Kind(408, "The body did not come in time"),
-    "conflict": Kind(409, "The state does not allow this"),
-    "in-progress": Kind(409, "The same request is being worked on"),
-    "gone": Kind(410, "The thing is no more"),
-    "precondition-failed": Kind(412, "A needed header is missing or has another value"),
-    "too-large": Kind(413, "The body is larger than allowed"),
-    "unsupported-media-type": Kind(415, "The body has a type that is not read here"),
-    "range-not-satisfiable": Kind(416, "The file has no such bytes"),
-    "invalid": Kind(422, "The request says something that cannot be done"),
-    "configuration-error": Kind(422, "A setting is out of range, or contradicts another"),
-    "scene-error": Kind(422, "The scene cannot be read"),
-    "key-reused": Kind(422, "The idempotency key belongs to another request"),
-    "too-many": Kind(429, "Too many unfinished jobs, or streams"),
-    "internal": Kind(500, "The service has a fault"),
-    "output-error": Kind(507, "The result cannot be written"),
-    "disk-full": Kind(507, "No space is left for this"),
-    "worker-lost": Kind(500, "The worker died or hung at every attempt"),
-    "memory-limit": Kind(507, "The job needs more memory than a worker may have"),
-    "unavailable": Kind(503, "The service cannot do this now"),
-}
-"""By the last part of the problem's ``type``."""
 
 
 class Problem(BaseModel):
@@ -90,18 +53,6 @@ class ProblemError(Exception):
     ) -> None:
         super().__init__(detail)
         self.kind, self.detail, self.headers, self.more = kind, detail, headers, more
-
-
-def problem(kind: str, detail: str, **more: Any) -> dict[str, Any]:
-    """Return the members of a problem of a kind of the table."""
-    known = KINDS.get(kind, KINDS["internal"])
-    return {
-        "type": f"urn:depthsr:problem:{kind}",
-        "title": known.title,
-        "status": known.status,
-        "detail": detail,
-        **more,
-    }
 
 
 def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:

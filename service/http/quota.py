@@ -15,6 +15,7 @@ REMEMBER = 10.0
 """A measured size is believed for this long, seconds."""
 
 _known: dict[Path, tuple[float, int]] = {}
+_measuring: set[Path] = set()
 _lock = threading.Lock()
 
 
@@ -33,13 +34,31 @@ def check_space(config: ServiceConfig, wanted: int) -> None:
 
 
 def folder_size(folder: Path) -> int:
-    """Return the bytes of the files in a folder, measured at most every few seconds."""
+    """Return the bytes of the files in a folder as of a few seconds ago.
+
+    Only the first caller waits for the measurement; later ones are made beside the requests,
+    which thousands of jobs' files would hold up.
+    """
     with _lock:
-        measured, size = _known.get(folder, (-REMEMBER, 0))
-        if time.monotonic() - measured > REMEMBER:
-            size = _size(folder)
-            _known[folder] = (time.monotonic(), size)
+        if folder not in _known:
+            _known[folder] = (time.monotonic(), _size(folder))
+        measured, size = _known[folder]
+        if time.monotonic() - measured > REMEMBER and folder not in _measuring:
+            _measuring.add(folder)
+            threading.Thread(
+                target=_measure, args=(folder,), name="depthsr-quota", daemon=True
+            ).start()
         return size
+
+
+def _measure(folder: Path) -> None:
+    try:
+        size = _size(folder)
+        with _lock:
+            _known[folder] = (time.monotonic(), size)
+    finally:
+        with _lock:
+            _measuring.discard(folder)
 
 
 def _size(folder: Path) -> int:

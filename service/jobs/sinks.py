@@ -12,7 +12,7 @@ from pipeline.media.video_format import VideoCodec
 from pipeline.sink import OutputPlan, Sink
 from pipeline.stereo import StereoLayout
 from pipeline.tee_sink import TeeSink
-from service.jobs.watch_sink import EyeSources, OnPiece, WatchSink, watched_eyes
+from service.jobs.watch_sink import EyeSources, OnPiece, WatchSink, untold, watched_eyes
 from service.live.track import Track
 
 MASTER = "master.mkv"
@@ -30,7 +30,7 @@ class JobSinks:
     """Of the job."""
     sources: EyeSources
     keep_master: bool
-    on_piece: OnPiece = lambda track, number: None
+    on_piece: OnPiece = untold
 
     def __call__(self, plan: OutputPlan) -> Sink:
         """Return a sink that writes everything."""

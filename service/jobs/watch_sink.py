@@ -22,7 +22,7 @@ from pipeline.media.source import FrameSource
 from pipeline.results import FrameResult
 from pipeline.sink import OutputPlan
 from pipeline.stereo import Picture, StereoLayout, pack
-from service.live.track import TrackInfo, TrackWriter, piece_name
+from service.live.track import Track, TrackInfo, TrackWriter, piece_name
 
 TRACKS = ("result", "before")
 """By the names of their folders."""
@@ -35,6 +35,25 @@ MAX_WIDTH = 4096
 
 OnPiece = Callable[[str, int], None]
 """Told the track and the number of a piece."""
+
+
+def untold(track: str, number: int) -> None:
+    """Tell nobody of a piece; can be sent to other machines."""
+
+
+class FoundPieces:
+    """Tells of pieces that others write into the folder of the tracks, in their order."""
+
+    def __init__(self, folder: Path, on_piece: OnPiece) -> None:
+        self._folder, self._on_piece = folder, on_piece
+        self._told = {track: len(Track(folder / track).pieces()) for track in TRACKS}
+
+    def look(self) -> None:
+        """Tell of those that have come, up to the first that is missing."""
+        for track in TRACKS:
+            for piece in Track(self._folder / track).pieces()[self._told[track] :]:
+                self._on_piece(track, piece.number)
+                self._told[track] += 1
 
 
 def watched_eyes(plan: OutputPlan) -> tuple[str, ...]:
@@ -82,7 +101,7 @@ class WatchSink:
         plan: OutputPlan,
         folder: Path,
         sources: EyeSources,
-        on_piece: OnPiece = lambda track, number: None,
+        on_piece: OnPiece = untold,
     ) -> None:
         self._plan = plan
         self._folder = folder

@@ -1,0 +1,52 @@
+"""Jobs and the processes that do them."""
+
+from __future__ import annotations
+
+import threading
+import time
+import uuid
+
+from service.config import ServiceConfig
+from service.jobs.states import State
+from service.scheduler import Scheduler
+from service.store import Store
+
+
+def test_jobs_of_one_client_share_a_process_that_nobody_else_gets(tmp_path, tiny_scene):
+    """And a clock that jumps costs nobody an attempt."""
+    ended, seen, hours = threading.Semaphore(0), {}, [0]
+    store = Store(tmp_path, clock=lambda: time.time() + 3600 * hours[-1])
+
+    def heard(kind, data):
+        if kind == "JobStarted":
+            seen.update(scheduler.pids)
+            hours.append(hours[-1] + (5 if len(hours) == 1 else -3))
+
+    scheduler = Scheduler(
+        store,
+        ServiceConfig(data=tmp_path, worker_threads=1),
+        on_event=heard,
+        on_end=lambda job: ended.release(),
+    )
+
+    def add(client, priority):
+        wanted = {"scene": str(tiny_scene), "input": {"frames": ":1"}}
+        request = {"request": wanted, "scene": str(tiny_scene), "name": "tiny"}
+        job_id = uuid.uuid4().hex
+        store.create_job(job_id=job_id, client=client, request=request, priority=priority)
+        return job_id
+
+    jobs = [add("anna", 2), add("anna", 1), add("bert", 0)]
+    scheduler.start()
+    try:
+        for _ in jobs:
+            assert ended.acquire(timeout=120)
+        assert {store.job(job).state for job in jobs} == {State.SUCCEEDED}
+        assert {store.job(job).attempt for job in jobs} == {1}
+    finally:
+        scheduler.close()
+        store.close()
+    first, second, other = (seen[job] for job in jobs)
+    assert first == second != other
+    for job in jobs:
+        assert (tmp_path / "jobs" / job / "worker.log").is_file()
