@@ -17,6 +17,7 @@ from service.bus.config import BusConfig
 from service.config import ServiceConfig
 from service.desks import Desks
 from service.http import (
+    archive,
     dscqs,
     dscqs_making,
     dscqs_operator,
@@ -48,7 +49,7 @@ log = logging.getLogger(__name__)
 
 ROUTERS: tuple[APIRouter, ...] = (
     jobs.router, streams.router, uploads.router, session.router, health.router, watch.router,
-    status.router, pages.router, exports.router,
+    status.router, pages.router, exports.router, archive.router,
     dscqs.router, dscqs_operator.router, dscqs_making.router, dscqs_pages.router,
 )  # fmt: skip
 """Every door of the service."""

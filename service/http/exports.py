@@ -9,6 +9,7 @@ from typing import Annotated
 from fastapi import APIRouter, Body, Request, Response
 
 from service.http.auth import Client, require
+from service.http.files import add_heads
 from service.http.jobs import JobId, JobPage, JobView, Reader, find_job, view_of
 from service.http.problems import ProblemError, responses
 from service.http.quota import check_space
@@ -84,3 +85,6 @@ def index(request: Request, job_id: JobId, client: Reader) -> JobPage:
     parent = find_job(request, job_id, client)
     records = request.app.state.store.jobs(parent=parent.id, limit=500)
     return JobPage(jobs=[view_of(record) for record in records], next=None)
+
+
+add_heads(router)

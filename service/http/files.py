@@ -5,12 +5,27 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+from fastapi import APIRouter
 from fastapi.responses import FileResponse
+from fastapi.routing import APIRoute
 from starlette.datastructures import Headers
 from starlette.responses import Response
 from starlette.types import Message, Receive, Scope, Send
 
 from service.http.problems import answer
+
+
+def add_heads(router: APIRouter) -> None:
+    """Let every address of a router that can be got be asked for its head."""
+    for route in [item for item in router.routes if isinstance(item, APIRoute)]:
+        if route.methods == {"GET"}:
+            router.add_api_route(
+                route.path.removeprefix(router.prefix),
+                route.endpoint,
+                methods=["HEAD"],
+                response_model=route.response_model,
+                include_in_schema=False,
+            )
 
 
 class RangedFile(FileResponse):

@@ -12,6 +12,7 @@ from pydantic import BaseModel
 
 from service.config import MIB
 from service.http.auth import Client, require
+from service.http.files import add_heads
 from service.http.problems import ProblemError, responses
 
 router = APIRouter(tags=["operation"])
@@ -54,3 +55,6 @@ def metrics(request: Request, client: Annotated[Client, require("read")]) -> Res
     state = request.app.state
     state.metrics.free.set(shutil.disk_usage(state.config.data).free)
     return Response(state.metrics.text(), media_type="text/plain; version=0.0.4; charset=utf-8")
+
+
+add_heads(router)

@@ -18,7 +18,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi import Path as InPath
 from fastapi.responses import FileResponse, StreamingResponse
-from fastapi.routing import APIRoute
 from pydantic import BaseModel, Field, ValidationError
 from starlette.datastructures import UploadFile
 from starlette.formparsers import MultiPartException
@@ -27,7 +26,7 @@ from starlette.requests import ClientDisconnect, HTTPConnection
 from pipeline.job import Job
 from service.http import uploads
 from service.http.auth import Client, require
-from service.http.files import matches, send_file, tag_of, unchanged
+from service.http.files import add_heads, matches, send_file, tag_of, unchanged
 from service.http.problems import ProblemError, responses
 from service.http.quota import check_space
 from service.jobs.pictures import too_large
@@ -41,6 +40,9 @@ router = APIRouter(prefix="/api/v1", tags=["jobs"])
 PAGE = 50
 LAST_WORD = ("succeeded", "failed", "cancelled")
 """Kinds of events after which nothing comes unless somebody asks for a retry."""
+
+LINKED = ("events", "results", "archive", "logs")
+"""Addresses below a job's that its view names."""
 
 BREATH = 15.0
 """A comment keeps an idle stream of events open this often, seconds."""
@@ -483,23 +485,16 @@ async def _stream(request: Request, job_id: str, after: int) -> AsyncIterator[st
 def results(request: Request, job_id: JobId, client: Reader) -> list[ResultView]:
     """List the files of a finished job."""
     record = find_job(request, job_id, client)
-    folder = job_folder(request.app.state.config.data, record.id) / "results"
-    if record.state is not State.SUCCEEDED or not folder.is_dir():
-        return []
     sign = request.app.state.tokens.sign
-    found = []
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        if path.is_file() and not name.startswith("."):
-            found.append(
-                ResultView(
-                    name=name,
-                    size=path.stat().st_size,
-                    media_type=_media_type(name),
-                    url=sign(f"/api/v1/jobs/{record.id}/results/{name}", client.name),
-                )
-            )
-    return found
+    return [
+        ResultView(
+            name=name,
+            size=path.stat().st_size,
+            media_type=_media_type(name),
+            url=sign(f"/api/v1/jobs/{record.id}/results/{name}", client.name),
+        )
+        for name, path in result_files(request, record).items()
+    ]
 
 
 FILE: dict[int | str, dict[str, Any]] = {
@@ -562,25 +557,23 @@ def settings_schema(client: Reader) -> dict[str, Any]:
     return JobRequest.model_json_schema()
 
 
-def _add_heads() -> None:
-    """Let every address that can be got be asked for its head."""
-    for route in [item for item in router.routes if isinstance(item, APIRoute)]:
-        if route.methods == {"GET"}:
-            router.add_api_route(
-                route.path.removeprefix(router.prefix),
-                route.endpoint,
-                methods=["HEAD"],
-                response_model=route.response_model,
-                include_in_schema=False,
-            )
-
-
 def find_job(request: HTTPConnection, job_id: str, client: Client) -> JobRecord:
     """Return a job that the client may see; a problem where there is none."""
     record: JobRecord | None = request.app.state.store.job(job_id)
     if record is None or not (client.sees_all or record.client == client.name):
         raise ProblemError("not-found", "there is no such job")
     return record
+
+
+def result_files(request: HTTPConnection, record: JobRecord) -> dict[str, Path]:
+    """Return the files that a finished job has made, by their names."""
+    folder = job_folder(request.app.state.config.data, record.id) / "results"
+    if record.state is not State.SUCCEEDED or not folder.is_dir():
+        return {}
+    names = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*"))}
+    return {
+        name: path for name, path in names.items() if path.is_file() and not name.startswith(".")
+    }
 
 
 def view_of(record: JobRecord) -> JobView:
@@ -599,7 +592,10 @@ def view_of(record: JobRecord) -> JobView:
         frames_total=record.frames_total,
         problem=None if record.problem is None else dict(record.problem),
         request=record.request["request"],
-        links={"self": here, **{key: f"{here}/{key}" for key in ("events", "results", "logs")}},
+        links={
+            "self": here,
+            **{key: f"{here}/{key}" for key in ("events", "results", "archive", "logs")},
+        },
     )
 
 
@@ -618,4 +614,4 @@ def _media_type(name: str) -> str:
     )
 
 
-_add_heads()
+add_heads(router)

@@ -8,6 +8,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel
 
 from service.http.auth import COOKIE, Client, identify, require
+from service.http.files import add_heads
 from service.http.problems import responses
 
 router = APIRouter(prefix="/api/v1/session", tags=["session"])
@@ -42,3 +43,6 @@ def begin(request: Request, response: Response) -> Session:
 def end(response: Response) -> None:
     """Forget the cookie."""
     response.delete_cookie(COOKIE, httponly=True, samesite="strict")
+
+
+add_heads(router)

@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field
 
 from service.config import MIB
 from service.http.auth import Client, require
+from service.http.files import add_heads
 from service.http.quota import folder_size
 from service.jobs.states import State
 
@@ -96,3 +97,6 @@ def status(request: Request, client: Annotated[Client, require("read")]) -> Stat
 def _sees(request: Request, client: Client, job_id: str) -> bool:
     record = request.app.state.store.job(job_id)
     return record is not None and (client.sees_all or record.client == client.name)
+
+
+add_heads(router)

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.bus import keys
 from service.http.auth import Client, require
+from service.http.files import add_heads
 from service.http.problems import ProblemError, responses
 from service.jobs.request import SettingsModel, fields_model
 from service.streams.options import StreamOptions
@@ -200,3 +201,6 @@ def _view(item: Stream) -> StreamView:
         },
         links={"self": here, "stop": f"{here}/stop"},
     )
+
+
+add_heads(router)

@@ -22,7 +22,7 @@ from pydantic import BaseModel, Field
 from starlette.requests import HTTPConnection
 
 from service.http.auth import Client, identify, require
-from service.http.files import matches, send_file, tag_of, unchanged
+from service.http.files import add_heads, matches, send_file, tag_of, unchanged
 from service.http.jobs import find_job
 from service.http.problems import ProblemError, responses
 from service.http.streams import find as find_stream
@@ -220,9 +220,7 @@ def playlist(
         **responses(404, 422),
     },
 )
-def stills(
-    request: Request, kind: Kind, name: Name, track: TrackName, client: Reader
-) -> StreamingResponse:
+def stills(request: Request, kind: Kind, name: Name, track: TrackName, client: Reader) -> Response:
     """Send pictures as they come, for viewers that play no video; a slow one skips some."""
     programme = _programme(request, kind, name, client)
     air, disk = programme.on_air(track), programme.on_disk(track)
@@ -232,9 +230,10 @@ def stills(
         pictures = _stills_of_disk(request, disk)
     else:
         raise ProblemError("not-found", "there is nothing to watch yet")
-    return StreamingResponse(
-        _multipart(pictures), media_type=f"multipart/x-mixed-replace; boundary={BOUNDARY}"
-    )
+    kind_of = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
+    if request.method == "HEAD":
+        return Response(media_type=kind_of)
+    return StreamingResponse(_multipart(pictures), media_type=kind_of)
 
 
 async def _stills_of_air(broadcast: Broadcast) -> AsyncGenerator[bytes, None]:
@@ -408,3 +407,6 @@ async def _until_gone(websocket: WebSocket) -> None:
             await websocket.receive_bytes()
     except (WebSocketDisconnect, KeyError, RuntimeError):
         return
+
+
+add_heads(router)

@@ -67,6 +67,10 @@ async function showFiles() {
   }
   place("files").replaceChildren(...shown);
   place("no-files").hidden = files.length > 0;
+  if (files.length > 1) {
+    const link = element("a", { href: `${here}/archive`, download: "" }, "all of them as ZIP");
+    place("files").append(element("tr", {}, element("td", { colspan: 2 }, link)));
+  }
   const report = files.find(({ name }) => name === "report.json");
   if (report && !reportShown) {
     reportShown = true;

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
+
 import httpx
 import pytest
 
@@ -39,6 +42,14 @@ def test_a_finished_job_is_exported_in_other_forms(api):
     assert _names(api, made[1]) == {"tiny_3D_TAB.mkv"}
     pictures = {f"frames/{eye}-00000{n}.png" for eye in ("left", "right") for n in range(2)}
     assert _names(api, made[2]) == pictures
+    packed = api.get(f"/api/v1/jobs/{made[2]}/archive")
+    with zipfile.ZipFile(io.BytesIO(packed.content)) as archive:
+        assert set(archive.namelist()) == pictures
+        for name in pictures:
+            there = api.get(f"/api/v1/jobs/{made[2]}/results/{name}").content
+            assert archive.read(name) == there
+    assert api.head(f"/api/v1/jobs/{made[2]}/archive").headers["content-type"] == "application/zip"
+    is_problem(api.get(f"/api/v1/jobs/{'0' * 32}/archive"), 404, "not-found")
     listed = api.get(where).json()["jobs"]
     assert [item["id"] for item in listed] == made[::-1]
     assert listed[0]["request"]["of"] == job
