@@ -448,7 +448,7 @@ async def events(
         if last_event_id and last_event_id.isascii() and last_event_id.isdigit():
             after = int(last_event_id[:15])
         return StreamingResponse(
-            _stream(request, record.id, after),
+            stream_events(request, record.id, after),
             media_type="text/event-stream",
             headers={"X-Accel-Buffering": "no"},
         )
@@ -457,21 +457,20 @@ async def events(
     return EventPage(events=page, last=page[-1].sequence if page else after)
 
 
-async def _stream(request: Request, job_id: str, after: int) -> AsyncIterator[str]:
+async def stream_events(request: Request, job_id: str, after: int) -> AsyncIterator[str]:
+    """Yield the events of a job after a number as server-sent events, until its last."""
     notices, store = request.app.state.notices, request.app.state.store
     yield "retry: 2000\n\n"
     with notices.listen(job_id) as news:
         while not notices.stopping:
             news.clear()
+            record = await asyncio.to_thread(store.job, job_id)  # first: its last event is there
             found = await asyncio.to_thread(store.events, job_id, after=after)
             for item in found:
                 data = _event(item).model_dump_json()
                 yield f"id: {item.sequence}\nevent: {item.kind}\ndata: {data}\n\n"
                 after = item.sequence
-            record = await asyncio.to_thread(store.job, job_id)
-            if record is None:
-                return
-            if record.state.is_final and not found:
+            if record is None or (record.state.is_final and not found):
                 return
             if found:
                 continue

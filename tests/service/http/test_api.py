@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import json
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx
 import pytest
+
+from service.http.jobs import stream_events
+from service.jobs.states import Action, State
+from service.notices import Notices
+from service.store import Store
 
 PROBLEM = "application/problem+json"
 
@@ -318,3 +325,28 @@ def test_the_schema_of_a_job_is_that_of_run(api):
     schema = api.get("/api/v1/settings-schema").json()
     assert "psf_sigma" in schema["$defs"]["Settings"]["properties"]
     assert Path(schema["$defs"]["Settings"]["title"]).name == "Settings"
+
+
+class EndsBehindOurBack(Store):
+    """A job of it succeeds just after somebody has asked for events and there were none."""
+
+    def events(self, job_id, **where):
+        found = super().events(job_id, **where)
+        if not found and self.job(job_id).state is State.RUNNING:
+            self.act(job_id, Action.SUCCEED)
+        return found
+
+
+def test_a_stream_of_events_never_ends_before_the_last_of_them(tmp_path):
+    notices = Notices()
+    store = EndsBehindOurBack(tmp_path, on_change=notices.tell)
+    store.create_job(job_id="a", client="", request={})
+    store.take(60)
+    app = SimpleNamespace(state=SimpleNamespace(notices=notices, store=store))
+
+    async def listen():
+        return [text async for text in stream_events(SimpleNamespace(app=app), "a", 0)]
+
+    said = asyncio.run(asyncio.wait_for(listen(), 30))
+    assert "event: succeeded" in said[-1]
+    store.close()
