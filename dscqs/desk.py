@@ -45,7 +45,7 @@ from dscqs.session import (
 )
 from dscqs.shelf import Shelf
 from dscqs.store import SessionRecord, SessionStore, TestRecord
-from dscqs.views import presentation_view, progress_view, state_view
+from dscqs.views import presentation_view, progress_view, reason_of, state_view
 
 ACTIONS: dict[str, type] = {
     "pause": Paused, "resume": Resumed, "withdraw": Withdrawn, "erase": Erased
@@ -80,22 +80,12 @@ class Live:
         if isinstance(event, Joined):
             self.has_joined = True
         elif isinstance(event, Noted):
-            self.notes = [*self.notes, {"at": at, "kind": event.kind}][-5:]
+            self._note({"at": at, "kind": event.kind})
         elif isinstance(event, Shown) and event.outcome == "failed":
-            self.notes = [*self.notes, {"at": at, "kind": "failed", "reason": reason_of(event)}][
-                -5:
-            ]
+            self._note({"at": at, "kind": "failed", "reason": reason_of(event.log)})
 
-
-def reason_of(shown: Shown) -> str:
-    """Return why a presentation failed, as its page said it."""
-    faults = shown.log.get("faults")
-    said = [
-        f"{fault.get('kind', '')}: {fault.get('detail', '')}"[:120]
-        for fault in (faults if isinstance(faults, list) else [])
-        if isinstance(fault, Mapping)
-    ]
-    return "; ".join(said[:3])
+    def _note(self, note: dict[str, Any]) -> None:
+        self.notes = [*self.notes, note][-5:]
 
 
 class Desk:
@@ -127,6 +117,7 @@ class Desk:
         self._clock = clock
         self._secret = secret
         self._lock = threading.RLock()
+        self._cookie_lock = threading.Lock()
         self._group_lock = threading.RLock()
         self._live: dict[str, Live] = {}
         self._cookies: dict[str, str] = {}
@@ -237,7 +228,7 @@ class Desk:
 
         Again with the same cookie, as where the first answer was lost: lets in as the first time.
         """
-        with self._lock:
+        with self._cookie_lock:
             session = self.store.use_link(hashed(link), hashed(cookie))
             for key in [key for key, owner in self._cookies.items() if owner == session]:
                 del self._cookies[key]
@@ -254,7 +245,7 @@ class Desk:
                 raise NotLoggedIn(
                     "open the link that you were given; it works once, in one browser"
                 )
-            with self._lock:  # not while a newer link is being opened
+            with self._cookie_lock:  # not while a newer link is being opened
                 if self.store.session_of(key) == session:
                     self._cookies[key] = session
         return session
@@ -382,10 +373,12 @@ class Desk:
         return self._view(live)
 
     def _get(self, session: str) -> Live:
-        with self._lock:
-            if session not in self._live:
-                self._live[session] = self._load(session)
-            return self._live[session]
+        live = self._live.get(session)
+        if live is None:  # only this waits for the disk
+            with self._lock:
+                live = self._live.get(session) or self._load(session)
+                self._live[session] = live
+        return live
 
     def _load(self, session: str) -> Live:
         record = self.store.session(session)

@@ -7,9 +7,11 @@ from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+from dscqs.errors import VotesError
 from dscqs.order import Kind
 from dscqs.report.content import LogEntry
 from dscqs.store import SessionRecord, SessionStore, StoredEvent, TestRecord
+from dscqs.views import reason_of
 from dscqs.votes import Vote, format_csv
 
 WITHDRAWN = "withdrawn"
@@ -70,23 +72,39 @@ def test_document(store: SessionStore, test: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def session_log(store: SessionStore, test: str) -> list[LogEntry]:
-    """Return what happened in the sessions of a test, in the order of time, for the report."""
-    found = []
-    for session in store.sessions(test):
-        for event in store.events(session.id):
-            if event.name in ("offered", "shown") and event.data.get("outcome") != "failed":
-                continue  # what went as planned is in the votes
-            said = {"stage", "outcome", "kind"} & set(event.data)
-            detail = ", ".join(str(event.data[name]) for name in sorted(said))
-            found.append((event.at, session, event.name, detail))
-    return [
-        LogEntry(
-            time=_time(at), event=name, assessor=f"{session.assessor} ({session.display})",
-            detail=detail,
-        )
-        for at, session, name, detail in sorted(found, key=lambda entry: entry[0])
-    ]  # fmt: skip
+def session_log(document: Mapping[str, Any]) -> list[LogEntry]:
+    """Return what happened in the sessions of a test, in the order of time, for the report.
+
+    Parameters
+    ----------
+    document : mapping
+        The JSON export of the test (:func:`test_document`).
+
+    Raises
+    ------
+    VotesError
+        If it is no such export.
+    """
+    try:
+        entries = [
+            LogEntry(
+                time=event["at"], event=event["name"],
+                assessor=f"{session['assessor']} ({session['display']})",
+                detail=_detail(event),
+            )
+            for session in document["sessions"]
+            for event in session["events"]
+            # What went as planned is in the votes.
+            if event["name"] not in ("offered", "shown") or event.get("outcome") == "failed"
+        ]  # fmt: skip
+        return sorted(entries, key=lambda entry: entry.time)
+    except (KeyError, TypeError, AttributeError):
+        raise VotesError("is no JSON export of a test") from None
+
+
+def _detail(event: Mapping[str, Any]) -> str:
+    said = [str(event[name]) for name in ("kind", "outcome", "stage") if name in event]
+    return ", ".join(said) + (f" ({reason_of(event['log'])})" if event.get("log") else "")
 
 
 def _votes_of(session: SessionRecord, events: Iterable[StoredEvent]) -> list[Vote]:

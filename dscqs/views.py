@@ -80,3 +80,14 @@ def progress_view(live: Live) -> dict[str, Any]:
         "last": live.last,
         "notes": list(live.notes),
     }
+
+
+def reason_of(log: Mapping[str, Any]) -> str:
+    """Return why a presentation failed, as its page said it."""
+    faults = log.get("faults")
+    said = [
+        f"{fault.get('kind', '')}: {fault.get('detail', '')}"[:120]
+        for fault in (faults if isinstance(faults, list) else [])
+        if isinstance(fault, Mapping)
+    ]
+    return "; ".join(said[:3])

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from service.cli_dscqs_tests import add_tests
+from service.cli_dscqs_tests import add_tests, read_export
 from service.cli_simulate import add_simulate
 from service.console import EXIT_DONE
 
@@ -41,6 +41,11 @@ def _add_analyse(subcommands: Any) -> None:
         "--html", type=Path, metavar="FILE", help="report to write: one HTML file with its plots"
     )
     parser.add_argument("--pdf", type=Path, metavar="FILE", help="the same report as PDF")
+    parser.add_argument(
+        "--log", type=Path, metavar="FILE",
+        help="JSON export of the test (operator's page, Everything): its session log goes into "
+        "the report",
+    )  # fmt: skip
     parser.add_argument("--title", help="title of the report (default: name of the votes)")
     parser.add_argument(
         "--screening", choices=("sample", "population"), default="sample",
@@ -56,6 +61,7 @@ def _add_analyse(subcommands: Any) -> None:
 
 def _run_analyse(arguments: argparse.Namespace) -> int:
     from dscqs.exchange.files import read_scores
+    from dscqs.record import session_log
     from dscqs.report import html_report, json_report, pdf_report
     from dscqs.statistics.analysis import analyse
     from dscqs.statistics.screening import Variant
@@ -68,14 +74,15 @@ def _run_analyse(arguments: argparse.Namespace) -> int:
             check_writable(path)
     table = read_scores(arguments.votes)
     variant = Variant(arguments.screening)
-    title = arguments.title or arguments.votes.stem
+    log = [] if arguments.log is None else session_log(read_export(arguments.log))
+    head = {"title": arguments.title or arguments.votes.stem, "variant": variant, "log": log}
     if arguments.json is not None:
         found = json_report(table, variant=variant, more={"versions": versions()})
         write_atomic(arguments.json, found)
     if arguments.html is not None:
-        write_atomic(arguments.html, html_report(table, title=title, variant=variant))
+        write_atomic(arguments.html, html_report(table, **head))
     if arguments.pdf is not None:
-        write_atomic(arguments.pdf, pdf_report(table, title=title, variant=variant))
+        write_atomic(arguments.pdf, pdf_report(table, **head))
     if not arguments.quiet:
         print(format_analysis(analyse(table, variant)))  # noqa: T201
     return EXIT_DONE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 from collections.abc import Callable
 from fractions import Fraction
@@ -43,6 +44,22 @@ def add_verbose(parser: argparse.ArgumentParser) -> None:
 def token_of(arguments: argparse.Namespace) -> str | None:
     """Return the token that was given, or that of the environment."""
     return arguments.token or os.environ.get("DEPTHSR_TOKEN")
+
+
+def read_export(path: Path) -> Any:
+    """Return the JSON export of a test.
+
+    Raises
+    ------
+    VotesError
+        If the file is no JSON.
+    """
+    from dscqs.errors import VotesError
+
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise VotesError(f"cannot be read: {error}", path=path) from None
 
 
 def _add_stimuli(subcommands: Any) -> None:
@@ -290,15 +307,9 @@ def _run_invite(arguments: argparse.Namespace) -> int:
 
 
 def _run_verify(arguments: argparse.Namespace) -> int:
-    import json
-
-    from dscqs.errors import VotesError
     from dscqs.proof import unproved_orders
 
-    try:
-        document = json.loads(arguments.export.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise VotesError(f"cannot be read: {error}", path=arguments.export) from None
+    document = read_export(arguments.export)
     wrong = unproved_orders(document)
     for line in wrong:
         say(line)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Request, Response
@@ -108,19 +109,26 @@ class State(BaseModel):
 
 
 class Assessor:
-    """Who asks: their session, and the desk that conducts it."""
+    """Who asks: the desk that conducts their session, and which session their cookie lets in.
+
+    Dry runs have a desk of their own.
+    """
 
     def __init__(self, request: Request) -> None:
-        self.desk, self.session = desk_of(request, request.cookies.get(COOKIE))
+        self._cookie = request.cookies.get(COOKIE)
+        self.desk: Desk = request.app.state.desks.of(self._cookie or "")
+
+    @cached_property
+    def session(self) -> str:
+        """Id of the session; asked for in the thread of the request, since the disk may know it."""
+        return self.desk.identify(self._cookie)
 
 
-Asking = Annotated[Assessor, Depends(Assessor)]
+async def _assessor(request: Request) -> Assessor:
+    return Assessor(request)
 
 
-def desk_of(request: Request, cookie: str | None) -> tuple[Desk, str]:
-    """Return the desk and the session that a cookie lets in; dry runs have a desk of their own."""
-    desk: Desk = request.app.state.desks.of(cookie or "")
-    return desk, desk.identify(cookie)
+Asking = Annotated[Assessor, Depends(_assessor)]
 
 
 @router.post("/api/assessor/enter", status_code=204, responses=responses(400, 404, 410))

@@ -228,7 +228,7 @@ def _exported(store: SessionStore, test: str, format: str) -> tuple[str | bytes,
     table = make_table(votes(store, record), name=record.name)
     if format == "scores":
         return json_report(table), "scores.json", "application/json"
-    log = session_log(store, test)
+    log = session_log(test_document(store, test))
     if format == "html":
         report = html_report(table, title=record.name, subtitle=test, log=log)
         return report, "report.html", "text/html; charset=utf-8"

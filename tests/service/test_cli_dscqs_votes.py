@@ -57,6 +57,33 @@ def test_export_and_analysis_of_what_was_exported_agree(votes, tmp_path):
     assert results[0] == results[1]
 
 
+def test_the_log_of_the_sessions_goes_into_the_report(votes, tmp_path, capsys):
+    export, page = tmp_path / "everything.json", tmp_path / "report.html"
+    faults = [{"kind": "focus", "detail": "the window lost the focus"}]
+    events = [
+        {"sequence": 1, "at": "2026-01-31T10:00:00.000+00:00", "name": "joined"},
+        {"sequence": 2, "at": "2026-01-31T10:01:00.000+00:00", "name": "shown", "ticket": "t",
+         "outcome": "failed", "log": {"faults": faults}},
+        {"sequence": 3, "at": "2026-01-31T10:02:00.000+00:00", "name": "shown", "ticket": "u",
+         "outcome": "ok", "log": {"faults": []}},
+        {"sequence": 4, "at": "2026-01-31T10:03:00.000+00:00", "name": "continued",
+         "stage": "break"},
+    ]  # fmt: skip
+    session = {"assessor": "ann", "display": "polarised", "events": events}
+    export.write_text(json.dumps({"sessions": [session]}))
+    words = ["dscqs", "analyse", str(votes), "--html", str(page), "--log", str(export), "--quiet"]
+    assert main(words) == 0
+    said = page.read_text()
+    assert "3 events" in said
+    assert "failed (focus: the window lost the focus)" in said
+    assert said.index("10:01:00") < said.index("10:03:00")
+    for wrong in ("{", "{}", '{"sessions": [{"events": [{}]}]}', '{"sessions": 3}'):
+        export.write_text(wrong)
+        capsys.readouterr()
+        assert main(words) == 2
+        assert capsys.readouterr().err != ""
+
+
 def test_export_is_printed_without_a_file(votes, capsys):
     assert main(["dscqs", "export", str(votes), "--to", "csv"]) == 0
     lines = capsys.readouterr().out.splitlines()
