@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from pipeline.events import Event
 from pipeline.frames import MultiViewFrame
 from pipeline.job import Job, OutputOptions
 from pipeline.media.files import check_folder_writable
+from pipeline.media.png import png_path, write_png
 from pipeline.metrics import psnr
 from pipeline.results import FrameResult, SuperResolvedImage
 from pipeline.run import Tools, run_job
@@ -45,6 +46,9 @@ MEASURED_EVERY = 8
 """Frames from one that is measured to the next."""
 
 METHODS = ("bicubic", "single view", "all views")
+
+SET1 = {"original": "truth", "bicubic": "bicubic", "sr": "all views"}
+"""What people can compare, after the thesis' Set 1: conditions, and what each is made of here."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +78,8 @@ class DemoResult:
     """Folder of the LR scene, for trying other settings on it."""
     video: Path
     picture: Path
+    set1: Path
+    """Folder of a folder for each condition of :data:`SET1`, with pictures of both eyes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,7 +88,9 @@ class _Measured:
 
     frame_index: int
     pictures: dict[str, npt.NDArray[np.uint8]]
-    """By method, and ``low resolution`` and ``truth``."""
+    """Of the left eye, by method, and ``low resolution`` and ``truth``."""
+    right: dict[str, npt.NDArray[np.uint8]]
+    """Of the right eye, what :data:`SET1` needs."""
     psnr: dict[str, float]
 
 
@@ -160,6 +168,7 @@ def run_demo(
         scene=manifest.parent,
         video=video,
         picture=picture,
+        set1=_write_set1(folder / "set1", measured),
     )
 
 
@@ -211,8 +220,11 @@ def _measure(
 ) -> _Measured:
     """Compare the left eye with the truth."""
     view_id, grid = frame.left, settings.grid
-    view = frame.view(view_id)
-    rgb = scene.render_hr(scene.view_ids.index(view_id), frame.frame_index / scene.fps)
+    view, other = frame.view(view_id), frame.view(frame.right)
+    rgb, other_rgb = (
+        np.array(scene.render_hr(scene.view_ids.index(one), frame.frame_index / scene.fps))
+        for one in (frame.left, frame.right)
+    )
     truth = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     single = superresolve(frame, settings, targets=(view_id,), observed_views=(view_id,))
     images: dict[str, SuperResolvedImage] = {
@@ -225,10 +237,28 @@ def _measure(
         method: psnr(np.clip(np.rint(images[method].luma), 0, 255), truth, border=_border(truth))
         for method in METHODS
     }
-    pictures = {name: to_rgb(image.luma, image.chroma, 8) for name, image in images.items()}
+    right = {
+        "bicubic": _enlarged(frame.right, other.luma, other.chroma, grid, bicubic),
+        "all views": result.images[frame.right],
+    }
     return _Measured(
-        frame_index=frame.frame_index, pictures={**pictures, "truth": np.array(rgb)}, psnr=values
-    )
+        frame_index=frame.frame_index, pictures={**_rgb(images), "truth": rgb},
+        right={**_rgb(right), "truth": other_rgb}, psnr=values,
+    )  # fmt: skip
+
+
+def _rgb(images: Mapping[str, SuperResolvedImage]) -> dict[str, npt.NDArray[np.uint8]]:
+    return {name: to_rgb(image.luma, image.chroma, 8) for name, image in images.items()}
+
+
+def _write_set1(folder: Path, measured: Iterable[_Measured]) -> Path:
+    """Write both eyes of the measured frames, a folder for each condition; return the folder."""
+    for condition, name in SET1.items():
+        (folder / condition).mkdir(parents=True, exist_ok=True)
+        for one in measured:
+            for eye, pictures in (("left", one.pictures), ("right", one.right)):
+                write_png(png_path(folder / condition, eye, one.frame_index), pictures[name])
+    return folder
 
 
 def _enlarged(

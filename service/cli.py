@@ -321,7 +321,7 @@ def _run_demo(arguments: argparse.Namespace) -> int:
             stop=stop,
         )
     say(format_demo(result))
-    say(f"wrote {result.video} and {result.picture} in {duration(result.seconds)}")
+    say(f"wrote {result.video}, {result.picture} and {result.set1} in {duration(result.seconds)}")
     say(f"the scene is in {result.scene}: try depthsr run {result.scene} -o out.mkv")
     return EXIT_DONE
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import cv2
+import numpy as np
 
 from pipeline.compile_ahead import kinds_of_settings
 from pipeline.config import REGISTRATION_PRESETS, Solver
@@ -12,7 +13,7 @@ def test_a_small_demo_writes_what_it_promises(tmp_path):
     size = DemoSize(width=64, height=48, num_views=3, num_frames=2)
     result = run_demo(tmp_path / "demo", size=size)
     assert sorted(path.name for path in (tmp_path / "demo").iterdir()) == [
-        "before-after.png", "scene", "side-by-side.mkv",
+        "before-after.png", "scene", "set1", "side-by-side.mkv",
     ]  # fmt: skip
     assert result.measured == (0,)
     assert set(result.psnr) == {"bicubic", "single view", "all views"}
@@ -26,6 +27,16 @@ def test_a_small_demo_writes_what_it_promises(tmp_path):
     with open_scene(result.video) as video:  # it says itself that it is side by side
         assert video.info.lr_shape == (96, 128)
         assert len(video.info.frame_indices) == 2
+    eyes = {
+        (condition, eye): cv2.imread(str(result.set1 / condition / f"{eye}-000000.png"))
+        for condition in ("original", "bicubic", "sr") for eye in ("left", "right")
+    }  # fmt: skip
+    assert {picture.shape for picture in eyes.values()} == {(96, 128, 3)}
+    for eye, other in (("left", "right"), ("right", "left")):  # an eye's pictures are of that eye
+        truth, twin = (eyes["original", one].astype(float) for one in (eye, other))
+        for condition in ("bicubic", "sr"):
+            made = eyes[condition, eye].astype(float)
+            assert np.abs(made - truth).mean() < np.abs(made - twin).mean()
     text = format_demo(result)
     assert "super-resolution of 3 views" in text
     assert f"{result.psnr['bicubic']:.2f} dB" in text
