@@ -57,7 +57,7 @@ class Measured:
 
 
 class Browser:
-    """One connection that is kept, and one cookie."""
+    """One connection that is kept as long as the service keeps it, and one cookie."""
 
     def __init__(self, server: str, measured: Measured) -> None:
         self._address = urlsplit(server)
@@ -65,9 +65,12 @@ class Browser:
         self._cookie = ""
 
     async def __aenter__(self) -> Browser:
+        await self._connect()
+        return self
+
+    async def _connect(self) -> None:
         host, port = self._address.hostname, self._address.port
         self._reader, self._writer = await asyncio.open_connection(host, port)
-        return self
 
     async def __aexit__(self, *_: object) -> None:
         self._writer.close()
@@ -75,6 +78,9 @@ class Browser:
 
     async def ask(self, method: str, path: str, body: Any = None) -> bytes:
         """Send a request and return the body of its answer, which must be a success."""
+        if self._reader.at_eof():  # the service ends what was idle for 15 seconds
+            self._writer.close()
+            await self._connect()
         data = b"" if body is None else json.dumps(body).encode()
         head = f"{method} {path} HTTP/1.1\r\nHost: {self._address.netloc}\r\n{self._cookie}"
         if data:
