@@ -64,7 +64,7 @@ class TargetReport:
     """A plain sentence about what the other views bring; empty where all is well."""
     solver: str
     iterations: int
-    """Iterations (fused) or sweeps (pocs)."""
+    """Iterations (fused; of a pixel in the mean, rounded up) or sweeps (pocs)."""
     stop_reason: str
     residuals: tuple[float, ...]
     """RMS residual after each sweep or outer iteration, grey levels."""

@@ -37,6 +37,7 @@ from pipeline.sink import OutputPlan, Sink
 from pipeline.stop import StopFlag
 from pipeline.superresolve import RegisteredFrame
 from pipeline.temporal.neighbours import in_windows
+from pipeline.temporal.still import MOST_FRAMES
 from pipeline.threads import set_threads, thread_count
 from pipeline.view_at import with_view_between
 from pipeline.worker import Worker
@@ -47,6 +48,9 @@ Item = TypeVar("Item")
 WARM_UP = 3
 """Frames before a segment that are computed and thrown away where frames start warm, so that
 a segment comes out the same wherever it is computed and the picture does not jump there."""
+
+WATCHED = 2 * MOST_FRAMES
+"""Frames before those that are only looked at, for the mean of what stands still."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,6 +233,11 @@ class _ReadFrame:
         """Whether it is a frame before its segment: computed and thrown away."""
         return self.frame.frame_index < self.segment.start
 
+    @property
+    def is_watched(self) -> bool:
+        """Whether it is a frame before those: only looked at."""
+        return self.frame.frame_index < self.segment.start - WARM_UP
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _HalfDoneFrame:
@@ -305,6 +314,9 @@ class _Line:
         for item in frames:
             if item.begins:
                 self.worker.reset()
+            if item.is_watched:
+                self.worker.watch(item.frame)
+                continue
             begin = self.clock()
             registered = self.worker.register(item.frame, neighbours=item.neighbours)
             yield _HalfDoneFrame(read=item, registered=registered, seconds=self.clock() - begin)
@@ -392,8 +404,8 @@ def is_finished(files: SegmentFiles, sink: Sink, segment: Segment) -> bool:
 
 
 def first_frame(work: Work, segment: Segment) -> int:
-    """Return the frame a segment's chain begins with: the segment's own, or one to warm up."""
+    """Return the frame a segment's chain begins with: the segment's own, or one before it."""
     settings = work.job.settings
     if settings.temporal == "cold" or settings.realtime:
         return segment.start
-    return max(segment.start - WARM_UP, work.frames.start)
+    return max(segment.start - WARM_UP - WATCHED, work.frames.start)

@@ -21,6 +21,7 @@ from pipeline.errors import ConfigurationError, Interrupted, SceneError
 from pipeline.frames import ChromaImage, GreyImage, MultiViewFrame, RegisteredView, View
 from pipeline.grid import Grid
 from pipeline.noise import estimate_noise_of_views
+from pipeline.reconstruction.again import Due, fuse_again
 from pipeline.reconstruction.coverage import phase_coverage
 from pipeline.reconstruction.fused import (
     FusedResult,
@@ -56,6 +57,7 @@ from pipeline.results import (
 )
 from pipeline.temporal.initial import BlockMatch, StartChoice, match_blocks, warped
 from pipeline.temporal.neighbours import with_neighbours
+from pipeline.temporal.still import Still, first_seen, seen_again
 from pipeline.threads import map_threads, set_threads, stoppable
 
 PICTURE_LAYERS = 11
@@ -71,6 +73,19 @@ NOTHING_NEW = 5.0
 WARM = FusedTuning(alone=0.0, together=4)
 """Work from the previous frame's result; see :class:`FusedTuning` for that from a cold start."""
 
+STILL = FusedTuning(alone=0.0, together=2)
+"""The same where nothing has changed but the mean of the observations."""
+
+CHANGE_REACH = 2
+"""How far a change reaches into what is reconstructed, LR pixels."""
+
+MOSTLY_CHANGED = 0.9
+"""Share of the pixels, halos included, from which what has changed is not worth being cut out:
+all is reconstructed again at once."""
+
+REFRESH = 4
+"""Frames within which everything is reconstructed again, changed or not."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class _Target:
@@ -79,7 +94,19 @@ class _Target:
     image: SuperResolvedImage
     report: TargetReport
     debug: TargetDebug | None
-    estimate: GreyImage
+    solved: Solved
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solved:
+    """What a frame's reconstruction leaves to the next frame's."""
+
+    result: FusedResult
+    views: tuple[str, ...]
+    """Of which views it was made."""
+    frames: npt.NDArray[np.float32] | None
+    """(H, W): of how many frames the pixels observed were the mean when it was made of them;
+    None where there is no chain."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,10 +114,13 @@ class RegisteredFrame:
     """A frame whose views are registered: all that its reconstruction needs."""
 
     frame: MultiViewFrame
+    """In a chain, its luma averaged over the frames in which it has stood still."""
     settings: Settings
     targets: tuple[str, ...]
     sources: tuple[str, ...]
     """Ids of the observed views."""
+    still: Mapping[str, Still]
+    """In a chain, by target: what has stood still, and for how long."""
     psf: Psf
     noise: float
     """Standard deviation, grey levels."""
@@ -206,9 +236,7 @@ def register_frame(
         widened, added = with_neighbours(frame, neighbours, sources)
     observed = (*sources, *added)
     views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
-    noise = settings.noise_sigma
-    if noise is None:
-        noise = estimate_noise_of_views([frame.view(view_id) for view_id in sources])
+    noise = noise_of(frame, settings, sources)
     if psf is None:
         if settings.psf == "auto":
             raise ConfigurationError("--psf auto: no estimate was made before the first frame")
@@ -225,6 +253,11 @@ def register_frame(
         if is_cut and memory is not None:
             memory.forget()
             matches = {}
+        if memory is not None:
+            frame = memory.averaged(frame, noise)
+            if not added:
+                widened = frame
+            views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
         previous = None if memory is None else memory.previous
         keeps_motions = (
             previous is not None and not effort.register and _covers(previous, targets, observed)
@@ -248,6 +281,7 @@ def register_frame(
         settings=settings,
         targets=targets,
         sources=sources,
+        still={} if memory is None else {target: memory.still[target] for target in targets},
         psf=psf,
         noise=noise,
         registrations=registrations,
@@ -276,14 +310,14 @@ def reconstruct_frame(
             registered,
             target,
             stop,
-            None if memory is None else memory.estimate(registered, target),
+            None if memory is None else memory.solved(registered, target),
         )
 
     with stoppable(stop):
         results = map_threads(reconstruct, registered.targets)
         if memory is not None:
-            memory.keep_estimates(
-                registered, {result.image.view_id: result.estimate for result in results}
+            memory.keep_solved(
+                registered, {result.image.view_id: result.solved for result in results}
             )
         clock.done("reconstruction")
         images = {result.image.view_id: result.image for result in results}
@@ -320,8 +354,8 @@ class Memory:
 
     def __init__(self) -> None:
         self.forget()
-        self._estimates: dict[str, GreyImage] = {}
-        self._estimated_turn = 0
+        self._solved: dict[str, Solved] = {}
+        self._solved_turn = 0
 
     def forget(self) -> None:
         """Start a new chain: the next frame is computed on its own."""
@@ -329,6 +363,26 @@ class Memory:
         self.turn = 0
         self._found_in = self._last = -1
         self._observed: dict[str, GreyImage] = {}
+        self.still: dict[str, Still] = {}
+
+    def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
+        """Take note of a frame that is not computed."""
+        names = [view.view_id for view in frame.views]
+        self.averaged(frame, noise_of(frame, settings, names))
+
+    def averaged(self, frame: MultiViewFrame, noise: float) -> MultiViewFrame:
+        """Return the frame with what stands still averaged over the frames before."""
+
+        def seen(view: View) -> Still:
+            before = self.still.get(view.view_id)
+            return first_seen(view.luma) if before is None else seen_again(view.luma, before, noise)
+
+        found = map_threads(seen, frame.views)
+        self.still = {view.view_id: still for view, still in zip(frame.views, found, strict=True)}
+        views = [
+            replace(view, luma=still.mean) for view, still in zip(frame.views, found, strict=True)
+        ]
+        return replace(frame, views=tuple(views))
 
     def matches(
         self, frame: MultiViewFrame, targets: Sequence[str], noise: float
@@ -362,7 +416,7 @@ class Memory:
         if one is None or two is None or here != there:
             return None
         both = Memory()
-        both.turn = both._estimated_turn = max(self.turn, other.turn)
+        both.turn = both._solved_turn = max(self.turn, other.turn)
         both._found_in, both._last = here
         both.previous = Previous(
             prepared={**two.prepared, **one.prepared},
@@ -370,7 +424,8 @@ class Memory:
             turn=both.turn,
         )
         both._observed = {**self._observed, **other._observed}
-        both._estimates = {**self._estimates, **other._estimates}
+        both.still = {**other.still, **self.still}
+        both._solved = {**self._solved, **other._solved}
         return both
 
     @property
@@ -380,7 +435,7 @@ class Memory:
 
     def _of(self, targets: Sequence[str]) -> Memory:
         part = Memory()
-        part.turn, part._estimated_turn = self.turn, self._estimated_turn
+        part.turn, part._solved_turn = self.turn, self._solved_turn
         part._found_in, part._last = self._found_in, self._last
         assert self.previous is not None  # there are targets
         part.previous = replace(
@@ -388,20 +443,21 @@ class Memory:
             registrations={target: self.previous.registrations[target] for target in targets},
         )
         part._observed = {target: self._observed[target] for target in targets}
-        part._estimates = {
-            target: image for target, image in self._estimates.items() if target in targets
+        part.still = self.still
+        part._solved = {
+            target: image for target, image in self._solved.items() if target in targets
         }
         return part
 
-    def estimate(self, registered: RegisteredFrame, target: str) -> GreyImage | None:
-        """Return the previous frame's estimate of a target; None where the chain has none."""
-        if target not in registered.matches or self._estimated_turn != registered.turn - 1:
+    def solved(self, registered: RegisteredFrame, target: str) -> Solved | None:
+        """Return the previous frame's result of a target; None where the chain has none."""
+        if target not in registered.matches or self._solved_turn != registered.turn - 1:
             return None
-        return self._estimates[target]
+        return self._solved[target]
 
-    def keep_estimates(self, registered: RegisteredFrame, estimates: dict[str, GreyImage]) -> None:
+    def keep_solved(self, registered: RegisteredFrame, solved: dict[str, Solved]) -> None:
         """Remember a frame that is reconstructed."""
-        self._estimated_turn, self._estimates = registered.turn, estimates
+        self._solved_turn, self._solved = registered.turn, solved
 
 
 class _Stages:
@@ -418,6 +474,13 @@ class _Stages:
         self._begin = now
         if self._stop is not None and self._stop():
             raise Interrupted
+
+
+def noise_of(frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]) -> float:
+    """Return the noise of the settings, or that of the frame's views, grey levels."""
+    if settings.noise_sigma is not None:
+        return settings.noise_sigma
+    return estimate_noise_of_views([frame.view(view_id) for view_id in view_ids])
 
 
 def given_psf(settings: Settings) -> GaussianPsf:
@@ -508,7 +571,7 @@ def _reconstruct(
     frame: RegisteredFrame,
     target: str,
     stop: Callable[[], bool] | None,
-    previous: GreyImage | None,
+    previous: Solved | None,
 ) -> _Target:
     """Return one reference view reconstructed from the views registered onto it."""
     settings, grid = frame.settings, frame.settings.grid
@@ -519,12 +582,24 @@ def _reconstruct(
     if previous is not None:
         match = frame.matches[target]
         cold = restored(reference.luma, grid, frame.psf, frame.noise)
-        start = warped(match, previous, cold, grid)
+        start = warped(match, previous.result.estimate, cold, grid)
         choice = match.choice
-    solved = _solve(
-        settings, frame.psf, frame.noise, registered, grid, (lr_shape[0], lr_shape[1]), stop, start,
-        frame.effort.steps,
-    )  # fmt: skip
+    views = tuple(view.view_id for view in registered)
+    due = None
+    if previous is not None and previous.views == views:
+        due = _due(frame, target, previous)
+    if previous is not None and start is not None and due is not None:
+        solved = fuse_again(
+            registered, grid, frame.psf, previous.result, start, due,
+            residual_threshold=settings.residual_threshold
+            or default_residual_threshold(frame.noise),
+            most_steps=frame.effort.steps, stop=stop,
+        )  # fmt: skip
+    else:
+        solved = _solve(
+            settings, frame.psf, frame.noise, registered, grid,
+            (lr_shape[0], lr_shape[1]), stop, start, frame.effort.steps,
+        )  # fmt: skip
     if stop is not None and stop():
         raise Interrupted
     trusted = [flags == 0 for flags in solved.flags]
@@ -569,7 +644,45 @@ def _reconstruct(
             contribution_count=solved.density,
         )
     image = SuperResolvedImage(view_id=reference.view_id, luma=np.clip(solved.estimate, 0.0, 255.0))
-    return _Target(image=image, report=report, debug=debug, estimate=solved.estimate)
+    kept = Solved(result=solved, views=views, frames=_frames_solved(frame, target, previous, due))
+    return _Target(image=image, report=report, debug=debug, solved=kept)
+
+
+def _due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due] | None:
+    """Return what of a target is reconstructed again; None: all of it.
+
+    That is what has changed, and a part of what has not, another one in each frame; all of
+    it where the pixels are for the most part means of twice as many frames as they were.
+    """
+    still = frame.still.get(target)
+    if still is None or previous.frames is None or frame.settings.solver != Solver.FUSED:
+        return None
+    side = 2 * CHANGE_REACH + 1
+    changed = cv2.dilate(still.changed.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    due = [Due(wanted=changed, noise=frame.noise, tuning=WARM)]
+    if due[0].share > MOSTLY_CHANGED:
+        return None
+    again = ~changed
+    ripe = (still.count >= 2 * previous.frames)[again]
+    if ripe.size and ripe.mean() <= 0.5:
+        edges = np.linspace(0, len(changed), REFRESH + 1).astype(int)
+        turn = frame.frame.frame_index % REFRESH
+        again[: edges[turn]] = again[edges[turn + 1] :] = False
+    if again.any():
+        due.append(Due(wanted=again, noise=frame.noise, tuning=STILL))
+    return due
+
+
+def _frames_solved(
+    frame: RegisteredFrame, target: str, previous: Solved | None, due: Sequence[Due] | None
+) -> npt.NDArray[np.float32] | None:
+    still = frame.still.get(target)
+    if still is None or previous is None or previous.frames is None or due is None:
+        return None if still is None else still.count
+    frames = previous.frames.copy()
+    for part in due:
+        np.copyto(frames, still.count, where=part.wanted)
+    return frames
 
 
 def _solve(

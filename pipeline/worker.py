@@ -95,7 +95,11 @@ class Worker:
             return [(targets, None)], []
         groups: list[tuple[tuple[str, ...], Memory | None]] = []
         idle = []
+        fresh = Memory()
         for memory in self._memories:
+            if not memory.targets:
+                fresh = memory
+                continue
             asked = tuple(target for target in targets if target in memory.targets)
             if len(asked) < len(memory.targets):
                 memory, rest = memory.split(asked)
@@ -105,7 +109,7 @@ class Worker:
         known = {target for asked, _ in groups for target in asked}
         new = tuple(target for target in targets if target not in known)
         if new:
-            groups.append((new, Memory()))
+            groups.append((new, fresh))
         return groups, idle
 
     def register(
@@ -128,6 +132,11 @@ class Worker:
         except BaseException:
             self.reset()
             raise
+
+    def watch(self, frame: MultiViewFrame) -> None:
+        """Look at a frame that is not computed: what stands still from it on is known sooner."""
+        for memory in self._memories:
+            memory.watch(frame, self.settings)
 
     def reset(self) -> None:
         """Forget the frames so far: the next one to be registered is computed on its own."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from pipeline.frames import Mask
 from pipeline.registration import motions, window_kernels
@@ -21,7 +22,6 @@ from pipeline.registration.motions import FITTED, FittedMotions
 from pipeline.registration.patches import Windows
 from pipeline.registration.prepare import PreparedView
 from pipeline.registration.records import ViewRegistration
-from pipeline.registration.verdict import Box, boxes_of
 from pipeline.registration.verification import EDGE_REACH
 from pipeline.registration.window_fits import (
     ACROSS,
@@ -35,12 +35,12 @@ from pipeline.registration.window_fits import (
     windows_of,
 )
 from pipeline.registration.windows import (
-    HALF,
     LAST_PASSES,
     MIDDLE_PASSES,
     MIN_SUPPORT,
     SPACING,
     WindowFit,
+    cut_view,
 )
 
 CHANGE_BOX = 5
@@ -74,10 +74,8 @@ class Again:
     """(P,): patches fitted anew."""
     kept: npt.NDArray[np.int32]
     """(P',): number of each patch of the previous frame in this one, −1 where it is gone."""
-    renewed: Mask
-    """(H, W): pixels that may land elsewhere now."""
-    boxes: tuple[Box, ...]
-    """That hold them."""
+    fresh: Mask
+    """(rows, columns): their cells."""
 
 
 def changed_pixels(now: PreparedView, before: PreparedView, noise: float) -> Mask:
@@ -102,7 +100,6 @@ def register_again(
     reference: PreparedView,
     before: ViewRegistration,
     changed: tuple[Mask, Mask],
-    cut: Windows,
     noise: float,
     turn: int,
 ) -> Again | None:
@@ -114,8 +111,6 @@ def register_again(
     ----------
     changed : (in source, in reference)
         Pixels that are not what they were.
-    cut : Windows
-        The source, cut anew.
     turn : int
         Frames since the chain began: says which cells are probed now.
     """
@@ -135,7 +130,9 @@ def register_again(
     dirty = around(patches, dirty, 0)
     if dirty.mean() > MOSTLY:
         return None
-    merged, kept, fitted = _merged(old, cut, dirty)
+    fresh = np.zeros(patches.grid, bool)
+    fresh.flat[patches.cell[dirty]] = True
+    merged, kept, fitted = _merged(old, cut_view(source, parallax, fresh), dirty, fresh)
     start = motions.from_parallax(merged.patches, parallax)
     start[:, motions.OFFSET] = prior.offset_mean
     start[~fitted] = merged.motion[~fitted]
@@ -148,7 +145,7 @@ def register_again(
         fit=WindowFit(fitted=fit, parallax=parallax, prior=prior, samples=samples),
         fitted=fitted,
         kept=kept,
-        **_renewed(windows_of(merged), fitted, before.offset.shape),
+        fresh=fresh,
     )
 
 
@@ -176,14 +173,14 @@ def _probe(
     moved, reliable = np.zeros(count, np.float32), np.zeros(count, np.float32)
     status, stepped = np.zeros(count, np.int32), np.empty_like(old.motion)
     window_kernels.sum_cells(
-        at.image, at.gradient_x, at.gradient_y, onto.coefficients, 1, 1, patches.owners,
+        at.image, at.gradient_x, at.gradient_y, onto.coefficients, 2, 1, patches.owners,
         patches.cells, patches.windows, old.motion, around(patches, due), max(0.6 * noise, 0.3),
         np.ones(count, np.float32), sums, *no_samples((0, 0)).planes,
     )  # fmt: skip
     window_kernels.step_windows(
         sums, first.astype(np.int32), *patches.grid, patches.windows, old.motion, old.motion,
         np.tile(np.eye(2), (count, 1, 1)), 50.0, prior.offset_mean, prior.offset_sigma**-2,
-        MIN_SUPPORT, BESIDE, ACROSS, FARTHEST, due, moved, status, reliable, stepped,
+        MIN_SUPPORT // 4, BESIDE, ACROSS, FARTHEST, due, moved, status, reliable, stepped,
     )  # fmt: skip
     away = stepped[probes][:, [0, 6]] - old.motion[probes][:, [0, 6]]
     away[status[probes] != FITTED] = 0
@@ -199,43 +196,39 @@ def _rig_moved(moved: npt.NDArray[np.float64]) -> bool:
 
 
 def _merged(
-    old: FittedMotions, cut: Windows, dirty: Chosen
+    old: FittedMotions, cut: Windows, dirty: Chosen, stale: Mask
 ) -> tuple[FittedMotions, npt.NDArray[np.int32], Chosen]:
-    """Return the old patches with those of dirty cells replaced by the new cut's.
+    """Return the old patches with those of dirty, stale cells replaced by the new cut's.
 
     Also where each old patch has gone, −1 where it is replaced, and which are new.
     """
     patches = windows_of(old)
-    stale = np.zeros(patches.grid, bool)
-    stale.flat[patches.cell[dirty]] = True
-    fresh = stale.ravel()[cut.cell]
     clean = ~dirty
-    cell = np.concatenate([patches.cell[clean], cut.cell[fresh]])
+    cell = np.concatenate([patches.cell[clean], cut.cell])
     order = np.argsort(cell, kind="stable")
     place = np.empty(len(order), np.int32)
     place[order] = np.arange(len(order), dtype=np.int32)
     split = int(clean.sum())
     kept = np.full(len(clean), -1, np.int32)
     kept[clean] = place[:split]
-    new = np.full(len(fresh), -1, np.int32)
-    new[fresh] = place[split:]
+    owners = np.empty_like(patches.owners)
+    _merge_owners(stale, SPACING, patches.owners, kept, cut.owners, place[split:], owners)
 
     def both(first: npt.NDArray, second: npt.NDArray) -> npt.NDArray:
-        return np.concatenate([first[clean], second[fresh]])[order]
+        return np.concatenate([first[clean], second])[order]
 
-    height, width = patches.owners.shape
-    spread = np.repeat(np.repeat(stale, SPACING, axis=0), SPACING, axis=1)[:height, :width]
     count = len(cut.windows)
     merged = Windows(
         windows=both(patches.windows, cut.windows),
         ranges=both(patches.ranges, cut.ranges),
         planes=both(patches.planes, cut.planes),
         support=both(patches.support, cut.support),
-        owners=np.where(spread, new[cut.owners], kept[patches.owners]),
+        owners=owners,
         cells=both(patches.cells, cut.cells),
         cell=cell[order],
         grid=patches.grid,
     )
+    sums = np.zeros((len(clean), NUM_SUMS)) if old.sums is None else old.sums
     return (
         FittedMotions(
             patches=merged,
@@ -243,22 +236,38 @@ def _merged(
             status=both(old.status, np.full(count, motions.TOO_FEW, np.int32)),
             scale=both(old.scale, np.full(count, np.inf, np.float32)),
             reliable=both(old.reliable, np.zeros(count, np.float32)),
+            sums=both(sums, np.zeros((count, NUM_SUMS))),
         ),
         kept,
         (np.arange(len(order)) >= split)[order],
     )
 
 
-def _renewed(patches: Windows, fitted: Chosen, shape: tuple[int, ...]) -> dict:
-    """Return the pixels that the windows fitted anew can reach, and boxes that hold them."""
-    side = HALF - SPACING // 2
-    fresh = np.zeros(patches.grid, np.uint8)
-    fresh.flat[patches.cell[fitted]] = 1
-    spread = np.repeat(np.repeat(fresh, SPACING, axis=0), SPACING, axis=1)[: shape[0], : shape[1]]
-    renewed = cv2.dilate(spread, np.ones((2 * side + 1, 2 * side + 1), np.uint8))
-    cells = np.zeros(patches.grid, bool)
-    cells.flat[patches.cell[around(patches, fitted)]] = True
-    return {"renewed": renewed.astype(bool), "boxes": tuple(boxes_of(cells, SPACING, shape))}
+@njit(nogil=True, cache=True, error_model="numpy")
+def _merge_owners(stale, side, old, kept, new, place, owners):
+    """Write the patch of each pixel: in stale cells that of the new cut, else the old one."""
+    for row in range(owners.shape[0]):
+        for column in range(owners.shape[1]):
+            if stale[row // side, column // side]:
+                owners[row, column] = place[new[row, column]]
+            else:
+                owners[row, column] = kept[old[row, column]]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _renumber(labels, kept, out):
+    """Write what patches are called now, −1 where there was none."""
+    for row in range(labels.shape[0]):
+        for column in range(labels.shape[1]):
+            label = labels[row, column]
+            out[row, column] = kept[label] if label >= 0 else -1
+
+
+def renumbered(labels: npt.NDArray[np.int32], kept: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Return the numbers that the patches of pixels have now, −1 where there is none."""
+    out = np.empty_like(labels)
+    _renumber(labels, kept, out)
+    return out
 
 
 def judged_again(renewed: Mask) -> Mask:

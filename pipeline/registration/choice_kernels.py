@@ -13,9 +13,30 @@ LARGEST_ENERGY = np.float32(2500.0)
 
 
 @njit(**OPTIONS)
+def reach_of_windows(windows, fresh, side, reach):
+    """Write, of each window, the box around what lies in fresh cells; empty where nothing does.
+
+    Parameters
+    ----------
+    windows, reach : (P, 4) int32
+    fresh : (rows, columns) bool
+        Cells, ``side`` pixels wide.
+    """
+    for p in range(windows.shape[0]):
+        x0, y0, x1, y1 = windows[p, 2], windows[p, 3], windows[p, 0], windows[p, 1]
+        for i in range(windows[p, 1] // side, (windows[p, 3] - 1) // side + 1):
+            for j in range(windows[p, 0] // side, (windows[p, 2] - 1) // side + 1):
+                if fresh[i, j]:
+                    x0, x1 = min(x0, j * side), max(x1, (j + 1) * side)
+                    y0, y1 = min(y0, i * side), max(y1, (i + 1) * side)
+        reach[p, 0], reach[p, 1] = max(x0, windows[p, 0]), max(y0, windows[p, 1])
+        reach[p, 2], reach[p, 3] = min(x1, windows[p, 2]), min(y1, windows[p, 3])
+
+
+@njit(**OPTIONS)
 def choose_windows(
-    source, reference, nearness, windows, ranges, motion, candidates, agreement, radius, mismatch,
-    residual, gradient_x, gradient_y, move_u, move_v, best, cost,
+    source, reference, nearness, windows, reach, ranges, motion, candidates, renewed, agreement,
+    radius, mismatch, residual, gradient_x, gradient_y, move_u, move_v, best, cost,
 ):  # fmt: skip
     """Give pixels to windows that dissent from their owner and explain them better, in place.
 
@@ -27,8 +48,12 @@ def choose_windows(
     ----------
     source, reference : (H, W), (H' + 4, W' + 4) float32
         Luma, and spline coefficients of the reference's.
+    reach : (P, 4) int32
+        The part of each window that may be given to it, see :func:`reach_of_windows`.
     candidates : (P,) bool
         Patches that may be chosen.
+    renewed : (H, W) bool
+        Pixels that may be given away; of the others there are no samples.
     agreement : float
         Difference of two displacements up to which they agree, LR pixels.
     residual, gradient_x, gradient_y, move_u, move_v : (H, W) float32
@@ -51,7 +76,7 @@ def choose_windows(
     for p in range(windows.shape[0]):
         if not candidates[p]:
             continue
-        x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
+        x0, y0, x1, y1 = reach[p, 0], reach[p, 1], reach[p, 2], reach[p, 3]
         # where it dissents, with what the box around needs
         left, top, right, bottom = x1, y1, x0, y0
         for y in range(y0, y1):
@@ -60,7 +85,7 @@ def choose_windows(
             for x in range(x0, x1):
                 du = au + bu * np.float32(x) - move_u[y, x]
                 dv = av + bv * np.float32(x) - move_v[y, x]
-                farthest = max(farthest, du * du + dv * dv)
+                farthest = max(farthest, (du * du + dv * dv) * np.float32(renewed[y, x]))
             if farthest <= limit:
                 continue
             top = min(top, y)
@@ -68,7 +93,7 @@ def choose_windows(
             for x in range(x0, x1):
                 du = au + bu * np.float32(x) - move_u[y, x]
                 dv = av + bv * np.float32(x) - move_v[y, x]
-                if du * du + dv * dv > limit:
+                if renewed[y, x] and du * du + dv * dv > limit:
                     left = min(left, x)
                     right = max(right, x + 1)
         if right <= left:
@@ -85,7 +110,7 @@ def choose_windows(
                 v = av + bv * np.float32(x)
                 du = u - move_u[y, x]
                 dv = v - move_v[y, x]
-                if du * du + dv * dv <= linear:
+                if renewed[y, x] and du * du + dv * dv <= linear:
                     # the residual holds ζ of the owner, which differs little
                     e = residual[y, x] + gradient_x[y, x] * du + gradient_y[y, x] * dv
                 else:
@@ -117,15 +142,16 @@ def choose_windows(
                 d = nearness[y0 + y, x0 + x]
                 away = max(ranges[p, 0] - d, d - ranges[p, 1], zero)
                 value += mismatch * away * away
-                if value < cost[y0 + y, x0 + x]:
+                if renewed[y0 + y, x0 + x] and value < cost[y0 + y, x0 + x]:
                     cost[y0 + y, x0 + x] = value
                     best[y0 + y, x0 + x] = p
 
 
 @njit(**OPTIONS)
 def blend_windows(
-    windows, motion, candidates, owners, best, renewed, move_u, move_v, agreement, position, offset
-):
+    windows, reach, motion, candidates, owners, best, renewed, move_u, move_v, agreement, position,
+    offset,
+):  # fmt: skip
     """Write the landing point of each pixel: its patch's motion blended with those that agree.
 
     Overlapping patches whose motion at the pixel lies within ``agreement`` pixels of the
@@ -134,6 +160,8 @@ def blend_windows(
 
     Parameters
     ----------
+    reach : (P, 4) int32
+        The part of each window that takes part, see :func:`reach_of_windows`.
     candidates : (P,) bool
         Patches that take part.
     renewed : (H, W) bool
@@ -169,10 +197,10 @@ def blend_windows(
         inverse_x = np.float32(1 / (0.5 * (x1 - x0) + 0.5))
         reach_y = 0.5 * (y1 - y0) + 0.5
         zeta = np.float32(motion[p, 12])
-        for y in range(y0, y1):
+        for y in range(reach[p, 1], reach[p, 3]):
             fall_y = np.float32(1 - abs(y - yc) / reach_y)
             au, bu, av, bv = row_of_motion(windows, motion, p, y)
-            for x in range(x0, x1):
+            for x in range(reach[p, 0], reach[p, 2]):
                 at = np.float32(x)
                 du = au + bu * at - move_u[y, x]
                 dv = av + bv * at - move_v[y, x]

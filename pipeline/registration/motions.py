@@ -46,6 +46,8 @@ class FittedMotions:
     """(P,): robust residual scale, grey levels."""
     reliable: npt.NDArray[np.float32]
     """(P,): share of the support within the robust cut-off, 0..1."""
+    sums: npt.NDArray[np.float64] | None = None
+    """(P, 35): what the last step was made of, see ``window_kernels``; None for strips."""
 
 
 @dataclass(frozen=True, kw_only=True)

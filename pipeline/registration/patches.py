@@ -96,8 +96,8 @@ def _plane(values, px, py, count, out):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _cut_windows(
-    nearness, spacing, half, tolerance, min_support, windows, ranges, planes, support, owners,
-    cells, cell,
+    nearness, spacing, half, tolerance, min_support, wanted, windows, ranges, planes, support,
+    owners, cells, cell,
 ):  # fmt: skip
     """Fill the patch tables; return how many patches there are."""
     height, width = nearness.shape
@@ -115,6 +115,8 @@ def _cut_windows(
     number = 0
     for gy in range((height + spacing - 1) // spacing):
         for gx in range((width + spacing - 1) // spacing):
+            if not wanted[gy, gx]:
+                continue
             cx = gx * spacing + spacing // 2
             cy = gy * spacing + spacing // 2
             x0, x1 = max(0, cx - half), min(width, cx + half)
@@ -216,6 +218,7 @@ def cut_windows(
     half: int,
     tolerance: float,
     min_support: int,
+    wanted: npt.NDArray[np.bool_] | None = None,
 ) -> Windows:
     """Return overlapping windows, each cut into parts where its depth is no plane.
 
@@ -232,19 +235,24 @@ def cut_windows(
         Standard deviation about a plane above which a window is cut, units of nearness.
     min_support : int
         Fewest pixels of a part.
+    wanted : (rows, columns) bool, optional
+        Cells whose windows are cut; the pixels of the others have no owner.
     """
     height, width = nearness.shape
-    most = MAX_PARTS * (-(-height // spacing)) * (-(-width // spacing))
+    grid = (-(-height // spacing), -(-width // spacing))
+    if wanted is None:
+        wanted = np.ones(grid, bool)
+    most = MAX_PARTS * grid[0] * grid[1]
     windows = np.empty((most, 4), np.int32)
     ranges = np.empty((most, 2), np.float32)
     planes = np.empty((most, 3))
     support = np.empty(most, np.int32)
-    owners = np.empty((height, width), np.int32)
+    owners = np.full((height, width), -1, np.int32)
     cells = np.empty((most, 4), np.int32)
     cell = np.empty(most, np.int32)
     n = _cut_windows(
-        nearness, spacing, half, tolerance, min_support, windows, ranges, planes, support, owners,
-        cells, cell,
+        nearness, spacing, half, tolerance, min_support, wanted, windows, ranges, planes, support,
+        owners, cells, cell,
     )  # fmt: skip
     return Windows(
         windows=windows[:n].copy(),
@@ -254,7 +262,7 @@ def cut_windows(
         owners=owners,
         cells=cells[:n].copy(),
         cell=cell[:n].copy(),
-        grid=(-(-height // spacing), -(-width // spacing)),
+        grid=grid,
     )
 
 

@@ -19,16 +19,16 @@ from pipeline.registration.again import (
     changed_pixels,
     judged_again,
     register_again,
+    renumbered,
     with_pixels_of,
 )
 from pipeline.registration.method import Layout, RegistrationMethod
 from pipeline.registration.parallax import identity
-from pipeline.registration.patches import Windows
 from pipeline.registration.prepare import PreparedView, prepare
 from pipeline.registration.records import Previous, Thresholds, ViewRegistration
 from pipeline.registration.strips import register_strips
 from pipeline.registration.verdict import registered_view
-from pipeline.registration.windows import Landed, cut_view, land, register_windows
+from pipeline.registration.windows import Landed, land, pixels_of, register_windows
 from pipeline.threads import map_threads
 
 __all__ = [
@@ -149,7 +149,7 @@ def register_view(
         )  # fmt: skip
     if before is not None:
         again = register_again(
-            source, reference, before.registration, before.changed, before.cut, noise, before.turn
+            source, reference, before.registration, before.changed, noise, before.turn
         )
         if again is not None:
             return _renewed(source, reference, again, before, method, noise, thresholds)
@@ -196,8 +196,6 @@ class Before:
     registration: ViewRegistration
     changed: tuple[Mask, Mask]
     """In the source and in the reference."""
-    cut: Windows
-    """The source of this frame, cut anew."""
     turn: int
 
 
@@ -218,25 +216,17 @@ def _register_again(
         for registration in previous.registrations[target]
     }
 
-    def prepare_source(name: str) -> tuple[Mask, Windows]:
-        parallax = next(
-            found.parallax
-            for (_, source), found in old.items()
-            if source == name and found.parallax is not None
-        )
-        changed = changed_pixels(prepared[name], previous.prepared[name], noise)
-        return changed, cut_view(prepared[name], parallax)
+    def changes(name: str) -> Mask:
+        return changed_pixels(prepared[name], previous.prepared[name], noise)
 
-    found = dict(zip(names, map_threads(prepare_source, names), strict=True))
+    changed = dict(zip(names, map_threads(changes, names), strict=True))
     tasks = [(target, source) for target in targets for source in sources]
 
     def again(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
-        changed, cut = found[source]
         before = Before(
-            registration=old[task], changed=(changed, found[target][0]), cut=cut,
-            turn=previous.turn,
-        )  # fmt: skip
+            registration=old[task], changed=(changed[source], changed[target]), turn=previous.turn
+        )
         return register_view(
             prepared[source], prepared[target], method, noise=noise, thresholds=thresholds,
             before=before,
@@ -261,16 +251,16 @@ def _renewed(
     old = before.registration
     if not again.fitted.any():
         return with_pixels_of(old, source)
-    labels = np.where(old.patch_labels >= 0, again.kept[old.patch_labels], np.int32(-1))
-    kept = Landed(labels=labels, position=old.registered.position, offset=old.offset)
-    landed = land(
-        source, reference, again.fit, noise, method, before=(kept, again.fitted, again.renewed)
-    )
-    renewed = judged_again(again.renewed)
+    kept = Landed(
+        labels=renumbered(old.patch_labels, again.kept), position=old.registered.position,
+        offset=old.offset,
+    )  # fmt: skip
+    landed = land(source, reference, again.fit, noise, method, before=(kept, again.fresh))
+    renewed = judged_again(pixels_of(again.fresh, old.offset.shape))
     return ViewRegistration(
         registered=registered_view(
             source, reference, landed.position, landed.offset, thresholds,
-            before=(old.registered, renewed, again.boxes),
+            before=(old.registered, renewed),
         ),
         motions=again.fit.fitted,
         parallax=again.fit.parallax,

@@ -2,27 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.frames import GreyImage, Mask, Positions, RegisteredView
 from pipeline.registration.prepare import PreparedView
 from pipeline.registration.records import Thresholds
-from pipeline.registration.verification import (
-    EDGE_REACH,
-    nearest_landing,
-    registration_weights,
-    verify,
-)
-
-Box = tuple[slice, slice]
-"""Rows and columns of a part of an image."""
-
-MARGIN = EDGE_REACH + 2
-"""How far a verdict looks, LR pixels."""
+from pipeline.registration.verification import registration_weights, verify
 
 
 def registered_view(
@@ -32,7 +17,7 @@ def registered_view(
     offset: GreyImage,
     thresholds: Thresholds,
     *,
-    before: tuple[RegisteredView, Mask, Sequence[Box]] | None = None,
+    before: tuple[RegisteredView, Mask] | None = None,
 ) -> RegisteredView:
     """Return a view with its landing points weighed and verified.
 
@@ -42,41 +27,26 @@ def registered_view(
         Landing points, LR pixels of the reference.
     offset : (H, W) float32
         Intensity term ζ, grey levels.
-    before : (registered, pixels to renew, boxes that hold them), optional
+    before : (registered, pixels to renew), optional
         Where only some pixels have changed: what the others keep.
     """
     luma = source.view.luma
-    if before is None:
-        whole = (slice(0, luma.shape[0]), slice(0, luma.shape[1]))
-        weights = np.empty(luma.shape, np.float32)
-        flags = np.empty(luma.shape, np.uint8)
-        renewed = np.ones(luma.shape, bool)
-        boxes: Sequence[Box] = (whole,)
-    else:
-        old, renewed, boxes = before
-        weights, flags = old.registration_weights.copy(), old.flags.copy()
-    for box in boxes:
-        fresh = registration_weights(
-            reference.raw_coefficients, position[box], luma[box], offset[box]
-        )
-        np.copyto(weights[box], fresh, where=renewed[box])
+    known_weights = known_flags = None
+    if before is not None:
+        old, renewed = before
+        known_weights, known_flags = (old.registration_weights, renewed), (old.flags, renewed)
+    weights = registration_weights(
+        reference.raw_coefficients, position, luma, offset, before=known_weights
+    )
     depth_range = max(source.depth_range, reference.depth_range)
     says_depth = source.depth_range > 0 and reference.depth_range > 0
     fine, onto = source.levels[0], reference.levels[0]
-    nearest = nearest_landing(position, fine.nearness, onto.nearness.shape)
-    for box in boxes:
-        wider = _widened(box, luma.shape)
-        bits = verify(
-            position, weights, fine.nearness, source.known, onto.nearness, reference.known,
-            weight_threshold=thresholds.weight,
-            depth_threshold=thresholds.depth * depth_range if says_depth else np.inf,
-            nearest=nearest, box=wider,
-        )  # fmt: skip
-        inner = tuple(
-            slice(part.start - outer.start, part.stop - outer.start)
-            for part, outer in zip(box, wider, strict=True)
-        )
-        np.copyto(flags[box], bits[inner], where=renewed[box])
+    flags = verify(
+        position, weights, fine.nearness, source.known, onto.nearness, reference.known,
+        weight_threshold=thresholds.weight,
+        depth_threshold=thresholds.depth * depth_range if says_depth else np.inf,
+        before=known_flags,
+    )  # fmt: skip
     return RegisteredView(
         view_id=source.view.view_id,
         observed=luma - offset,
@@ -85,25 +55,3 @@ def registered_view(
         flags=flags,
         confidence=np.ones(flags.shape, np.float32) if before is None else before[0].confidence,
     )
-
-
-def _widened(box: Box, shape: tuple[int, ...]) -> Box:
-    rows, columns = (
-        slice(max(part.start - MARGIN, 0), min(part.stop + MARGIN, size))
-        for part, size in zip(box, shape, strict=True)
-    )
-    return rows, columns
-
-
-def boxes_of(cells: npt.NDArray[np.bool_], side: int, shape: tuple[int, ...]) -> list[Box]:
-    """Return the boxes around connected groups of cells, each cell ``side`` pixels wide."""
-    count, _, stats, _ = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=8)
-    boxes = []
-    for x, y, width, height, _ in stats[1:count]:
-        boxes.append(
-            (
-                slice(int(y) * side, min((int(y) + int(height)) * side, shape[0])),
-                slice(int(x) * side, min((int(x) + int(width)) * side, shape[1])),
-            )
-        )
-    return boxes

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.frames import GreyImage, Positions, Rejection
+from pipeline.frames import GreyImage, Mask, Positions, Rejection
 from pipeline.registration import kernels
 
 EDGE_JUMP = 0.5
@@ -29,6 +29,8 @@ def registration_weights(
     position: Positions,
     source: GreyImage,
     offset: npt.NDArray[np.float32],
+    *,
+    before: tuple[GreyImage, Mask] | None = None,
 ) -> GreyImage:
     """Return I_W = I_ref(x + u, y + v) − I_n(x, y) + ζ — Eq. (3); NaN where there is none.
 
@@ -40,12 +42,25 @@ def registration_weights(
         Landing points, LR pixels of the reference.
     source, offset : (H, W) float32
         Luma of the source and intensity term ζ, grey levels.
+    before : (weights, pixels to renew), optional
+        Where only some are wanted: what the others keep.
     """
-    weights = np.empty(source.shape, np.float32)
-    kernels.sample_field(reference_coefficients, position, weights)
-    weights -= source
-    weights += offset
+    weights, renewed = before or (np.empty(source.shape, np.float32), np.ones(source.shape, bool))
+    weights = weights.copy()
+    _weigh(reference_coefficients, position, source, offset, renewed, weights)
     return weights
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _weigh(reference, position, source, offset, renewed, weights):
+    """Write the registration weights of some pixels."""
+    for row in range(weights.shape[0]):
+        for column in range(weights.shape[1]):
+            if renewed[row, column]:
+                value, _, _ = kernels.sample(
+                    reference, position[row, column, 0], position[row, column, 1]
+                )
+                weights[row, column] = value - source[row, column] + offset[row, column]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -64,17 +79,19 @@ def _nearest_landing(position, nearness, nearest):
 @njit(nogil=True, cache=True, error_model="numpy")
 def _flag(
     position, weights, nearness, known, reference, reference_known, nearest, jumps, beside, limits,
-    row_lo, column_lo, flags,
+    renewed, flags,
 ):  # fmt: skip
-    """Write the rejection bits of a box of pixels.
+    """Write the rejection bits of some pixels.
 
-    ``position``, ``weights`` (mean squares), ``jumps`` and ``beside`` (next to a jump, and
-    within reach of one) and ``flags`` are those of the box that begins at (row_lo, column_lo);
-    limits are T_w², T_D, the z-buffer's margin and the stricter T_w² beside jumps.
+    ``weights`` are mean squares, ``jumps`` and ``beside`` say which pixels are next to a jump
+    and which within reach of one; limits are T_w², T_D, the z-buffer's margin and the stricter
+    T_w² beside jumps.
     """
     height, width = reference.shape
     for row in range(flags.shape[0]):
         for column in range(flags.shape[1]):
+            if not renewed[row, column]:
+                continue
             x, y = position[row, column, 0], position[row, column, 1]
             square = weights[row, column]
             bits = 0
@@ -89,8 +106,8 @@ def _flag(
             i, j = int(np.floor(y + 0.5)), int(np.floor(x + 0.5))
             if square > limits[0]:
                 bits |= 4  # Eq. (4), first case
-            d = nearness[row_lo + row, column_lo + column]
-            says = known[row_lo + row, column_lo + column] and reference_known[i, j]
+            d = nearness[row, column]
+            says = known[row, column] and reference_known[i, j]
             if says and abs(reference[i, j] - d) > limits[1]:
                 # a pixel beside an edge may belong to the surface next door
                 away = np.inf
@@ -106,7 +123,7 @@ def _flag(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _jumps(position, first_row, first_column, limit, jumps):
+def _jumps(position, limit, jumps):
     """Mark both pixels of adjacent ones whose displacements differ by more than the limit.
 
     A pixel without a motion makes a jump to one that has.
@@ -114,16 +131,16 @@ def _jumps(position, first_row, first_column, limit, jumps):
     height, width = jumps.shape
     for row in range(height):
         for column in range(width):
-            x = position[row, column, 0] - (first_column + column)
-            y = position[row, column, 1] - (first_row + row)
+            x = position[row, column, 0] - column
+            y = position[row, column, 1] - row
             here = np.isfinite(x) and np.isfinite(y)
             for side in range(2):
                 k = row + side
                 m = column + 1 - side
                 if k >= height or m >= width:
                     continue
-                u = position[k, m, 0] - (first_column + m)
-                v = position[k, m, 1] - (first_row + k)
+                u = position[k, m, 0] - m
+                v = position[k, m, 1] - k
                 there = np.isfinite(u) and np.isfinite(v)
                 if here != there or (here and (abs(u - x) > limit or abs(v - y) > limit)):
                     jumps[row, column] = 1
@@ -140,8 +157,7 @@ def verify(
     *,
     weight_threshold: float,
     depth_threshold: float,
-    nearest: npt.NDArray[np.float32] | None = None,
-    box: tuple[slice, slice] | None = None,
+    before: tuple[npt.NDArray[np.uint8], Mask] | None = None,
 ) -> npt.NDArray[np.uint8]:
     """Return the :class:`Rejection` bits of every pixel — Eq. (4), and occlusion.
 
@@ -164,18 +180,14 @@ def verify(
         T_w, grey levels.
     depth_threshold : float
         T_D, units of nearness; ∞ leaves depth out.
-    nearest : (H', W') float32, optional
-        What :func:`nearest_landing` gives, where it is known.
-    box : (rows, columns), optional
-        Of the source, whose bits are wanted; default: all.
+    before : (bits, pixels to renew), optional
+        Where only some are wanted: what the others keep.
     """
-    if nearest is None:
-        nearest = nearest_landing(position, nearness, reference_nearness.shape)
-    rows, columns = box or (slice(0, weights.shape[0]), slice(0, weights.shape[1]))
-    position, weights = position[rows, columns], weights[rows, columns]
+    nearest = np.full(reference_nearness.shape, -np.inf, np.float32)
+    _nearest_landing(position, nearness, nearest)
     square = np.where(np.isfinite(weights), weights * weights, np.float32(1e6))
     mean_square = cv2.blur(square, (3, 3), borderType=cv2.BORDER_REFLECT)
-    jumps = jumps_of_motion(position, (rows.start, columns.start))
+    jumps = jumps_of_motion(position)
     limits = np.array(
         [
             weight_threshold**2, depth_threshold, depth_threshold,
@@ -183,36 +195,23 @@ def verify(
         ],
         np.float32,
     )  # fmt: skip
-    flags = np.empty(weights.shape, np.uint8)
+    flags, renewed = before or (np.empty(weights.shape, np.uint8), np.ones(weights.shape, bool))
+    flags = flags.copy()
     _flag(
         position, mean_square, nearness, known, reference_nearness, reference_known, nearest,
-        jumps, _within(jumps, EDGE_REACH), limits, rows.start, columns.start, flags,
+        jumps, _within(jumps, EDGE_REACH), limits, renewed, flags,
     )  # fmt: skip
     return flags
 
 
-def nearest_landing(
-    position: Positions, nearness: npt.NDArray[np.float32], shape: tuple[int, ...]
-) -> npt.NDArray[np.float32]:
-    """Return the largest nearness that lands on each reference pixel, −∞ where nothing does."""
-    nearest = np.full(shape, -np.inf, np.float32)
-    _nearest_landing(position, nearness, nearest)
-    return nearest
-
-
-def jumps_of_motion(position: Positions, first: tuple[int, int] = (0, 0)) -> npt.NDArray[np.uint8]:
+def jumps_of_motion(position: Positions) -> npt.NDArray[np.uint8]:
     """Return which pixels lie at a jump of the motion, (H, W), 1 where they do.
 
     A jump is a difference of more than ``EDGE_JUMP`` between the displacements of two
     adjacent pixels, so that a slanted surface has none; a pixel without a motion makes one.
-
-    Parameters
-    ----------
-    first : (row, column)
-        Of the first pixel.
     """
     jumps = np.zeros(position.shape[:2], np.uint8)
-    _jumps(position, *first, EDGE_JUMP, jumps)
+    _jumps(position, EDGE_JUMP, jumps)
     return jumps
 
 

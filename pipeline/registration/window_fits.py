@@ -107,14 +107,14 @@ def fit_windows(
     min_support : int
         Fewest LR pixels of a patch.
     before : (motions, patches to fit), optional
-        Where only some patches are fitted: what is known of all.
+        Where only some patches are fitted: what is known of all. The others are not sampled:
+        their sums are those of the frame in which they were.
 
     Returns
     -------
     motions : FittedMotions
     samples : Samples
-        At these motions, where the last pass took every pixel; of the patches fitted and of
-        two rings of cells around them.
+        At these motions, where the last pass took every pixel; of the patches fitted.
     """
     count = len(patches.windows)
     motion, stepped = start.copy(), start.copy()
@@ -124,13 +124,13 @@ def fit_windows(
     scale = np.full(count, np.inf, np.float32)
     reliable = np.zeros(count, np.float32)
     chosen = np.ones(count, bool)
-    needed = sampled = chosen
+    moved = np.zeros(count, np.float32)
+    sums = kept_sums = np.zeros((count, NUM_SUMS))
     if before is not None:
         known, chosen = before
         status, scale, reliable = known.status.copy(), known.scale.copy(), known.reliable.copy()
-        needed, sampled = around(patches, chosen), around(patches, chosen, 2)
-    moved = np.zeros(count, np.float32)
-    sums = np.zeros((count, NUM_SUMS))
+        if known.sums is not None:
+            kept_sums = known.sums
     first = np.searchsorted(patches.cell, np.arange(patches.grid[0] * patches.grid[1] + 1))
     first = first.astype(np.int32)
     samples = no_samples((0, 0))
@@ -141,7 +141,8 @@ def fit_windows(
         finer = 2**run.level
         pitch = run.stride * finer
         samples = no_samples(at.image.shape if pitch == 1 else (0, 0))
-        due = sampled if pitch == 1 else needed
+        due = chosen
+        sums = kept_sums / pitch**2
         for _ in range(run.iterations):
             window_kernels.sum_cells(
                 at.image, at.gradient_x, at.gradient_y, onto.coefficients, run.stride, finer,
@@ -159,10 +160,10 @@ def fit_windows(
             if not due.any():
                 break
     if samples.residual.size:
-        window_kernels.move_samples(patches.cells, sampled, patches.owners, patches.windows,
+        window_kernels.move_samples(patches.cells, chosen, patches.owners, patches.windows,
             motion, *samples.planes)  # fmt: skip
     fitted = FittedMotions(
-        patches=patches, motion=motion, status=status, scale=scale, reliable=reliable
+        patches=patches, motion=motion, status=status, scale=scale, reliable=reliable, sums=sums
     )
     return fitted, samples
 

@@ -29,9 +29,7 @@ from pipeline.registration.patches import Windows, cut_windows
 from pipeline.registration.prepare import PreparedView
 from pipeline.registration.records import ViewRegistration
 from pipeline.registration.window_fits import (
-    Chosen,
     Samples,
-    around,
     fit_windows,
     take_samples,
     windows_of,
@@ -130,14 +128,20 @@ def pixels_per_nearness(source: PreparedView, parallax: ParallaxMotion) -> float
     return float(np.median(np.linalg.norm(derivative, axis=-1)))
 
 
-def cut_view(source: PreparedView, parallax: ParallaxMotion) -> Windows:
-    """Return the windows of a view, cut where its depth jumps."""
+def pixels_of(cells: Mask, shape: tuple[int, ...]) -> Mask:
+    """Return the pixels of cells, (H, W)."""
+    spread = np.repeat(np.repeat(cells, SPACING, axis=0), SPACING, axis=1)
+    return np.ascontiguousarray(spread[: shape[0], : shape[1]])
+
+
+def cut_view(source: PreparedView, parallax: ParallaxMotion, cells: Mask | None = None) -> Windows:
+    """Return the windows of a view, or those of some cells of it, cut where its depth jumps."""
     scale = pixels_per_nearness(source, parallax)
     says_depth = scale > 0 and source.depth_range > 0
     return cut_windows(
         source.levels[0].nearness, spacing=SPACING, half=HALF,
         tolerance=PLANE_TOLERANCE / scale if says_depth else float("inf"),
-        min_support=MIN_SUPPORT,
+        min_support=MIN_SUPPORT, wanted=cells,
     )  # fmt: skip
 
 
@@ -347,27 +351,31 @@ def land(
     noise: float,
     method: RegistrationMethod,
     *,
-    before: tuple[Landed, Chosen, Mask] | None = None,
+    before: tuple[Landed, Mask] | None = None,
 ) -> Landed:
     """Return the chosen patch, the landing point and the intensity term of every pixel.
 
     Parameters
     ----------
-    before : (landed, patches fitted, pixels to renew), optional
+    before : (landed, cells to renew), optional
         Where only some patches have been fitted: what the others' pixels keep.
     """
     fine, onto, patches = source.levels[0], reference.levels[0], windows_of(fit.fitted)
     motion, samples = fit.fitted.motion, fit.samples
     candidates = np.isfinite(motion).all(axis=1)
     shape = fine.image.shape
+    reach = patches.windows
     if before is None:
         renewed = np.ones(shape, bool)
         best = patches.owners.copy()
         position = np.empty((*shape, 2), np.float32)
         offset = np.empty(shape, np.float32)
     else:
-        old, fitted, renewed = before
-        candidates &= around(patches, fitted)
+        old, fresh = before
+        reach = np.empty_like(patches.windows)
+        choice_kernels.reach_of_windows(patches.windows, fresh, SPACING, reach)
+        candidates &= (reach[:, 2] > reach[:, 0]) & (reach[:, 3] > reach[:, 1])
+        renewed = pixels_of(fresh, shape)
         best = np.where(renewed, patches.owners, old.labels)
         position, offset = old.position.copy(), old.offset.copy()
     # unrefined motions are chosen by depth alone, and by pixel
@@ -377,15 +385,16 @@ def land(
     energy = np.minimum(samples.residual * samples.residual, choice_kernels.LARGEST_ENERGY)
     box = (2 * radius + 1, 2 * radius + 1)
     cost = cv2.blur(energy, box, borderType=cv2.BORDER_REFLECT)
+    if before is not None:
+        sampled = cv2.blur(renewed.astype(np.float32), box, borderType=cv2.BORDER_REFLECT)
+        cost /= np.maximum(sampled, np.float32(1e-3))
     choice_kernels.choose_windows(
-        fine.image, onto.coefficients, fine.nearness, patches.windows, patches.ranges, motion,
-        candidates, AGREEMENT, radius, mismatch, *samples.planes, best, cost,
+        fine.image, onto.coefficients, fine.nearness, patches.windows, reach, patches.ranges,
+        motion, candidates, renewed, AGREEMENT, radius, mismatch, *samples.planes, best, cost,
     )  # fmt: skip
     best[renewed & (cost > NO_CHOICE_COST)] = -1
     choice_kernels.blend_windows(
-        patches.windows, motion, candidates, patches.owners, best, renewed, samples.move_u,
+        patches.windows, reach, motion, candidates, patches.owners, best, renewed, samples.move_u,
         samples.move_v, AGREEMENT, position, offset,
     )  # fmt: skip
-    if before is not None:
-        best[~renewed] = before[0].labels[~renewed]
     return Landed(labels=best, position=position, offset=offset)

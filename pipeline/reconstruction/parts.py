@@ -1,0 +1,209 @@
+"""Reconstructing parts of a reference view: boxes of it, each as if it were an image of its own.
+
+What stands still need not be solved again. A box is solved with a halo around it, from
+estimates that the halo's surroundings have too, so that its middle joins them without a seam.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from pipeline.frames import Mask, RegisteredView
+
+TILE = 8
+"""Side of the tiles of which boxes are made, LR pixels."""
+
+HALO = 4
+"""Pixels around a box that are solved and thrown away, LR pixels."""
+
+BOX_COST = 1500
+"""What a box costs beside its pixels, LR pixels."""
+
+Box = tuple[slice, slice]
+"""Rows and columns of an image, LR pixels."""
+
+
+def covering_boxes(wanted: Mask) -> list[Box]:
+    """Return disjoint boxes that hold all pixels wanted, chosen to be cheap with their halos.
+
+    A box is cut in two along the row or column of tiles that saves most, as long as one does.
+    """
+    height, width = wanted.shape
+    rows, columns = -(-height // TILE), -(-width // TILE)
+    padded = np.zeros((rows * TILE, columns * TILE), bool)
+    padded[:height, :width] = wanted
+    tiles = padded.reshape(rows, TILE, columns, TILE).any(axis=(1, 3))
+    found = np.empty((rows * columns + 1, 4), np.int64)
+    count = _cover(tiles, TILE, 2 * HALO, BOX_COST, found)
+    return [
+        (
+            slice(top * TILE, min(bottom * TILE, height)),
+            slice(left * TILE, min(right * TILE, width)),
+        )
+        for top, bottom, left, right in found[:count].tolist()
+    ]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _shrink(tiles, box):
+    """Take rows and columns without a wanted tile off the sides of a box, in place; False: all."""
+    top, bottom, left, right = box[1], box[0], box[3], box[2]
+    for row in range(box[0], box[1]):
+        for column in range(box[2], box[3]):
+            if tiles[row, column]:
+                top, bottom = min(top, row), row + 1
+                left, right = min(left, column), max(right, column + 1)
+    box[0], box[1], box[2], box[3] = top, bottom, left, right
+    return bottom > top
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _cover(tiles, tile, margin, extra, found):
+    """Write boxes of tiles (rows, columns, each half-open), and return how many there are."""
+    found[0] = (0, tiles.shape[0], 0, tiles.shape[1])
+    if not _shrink(tiles, found[0]):
+        return 0
+    count, done = 1, 0
+    halves = np.empty((2, 4), np.int64)
+    best = np.empty((2, 4), np.int64)
+    while done < count:
+        whole = found[done]
+        least = ((whole[1] - whole[0]) * tile + margin) * ((whole[3] - whole[2]) * tile + margin)
+        least += extra
+        cut = False
+        for axis in range(2):
+            for at in range(whole[2 * axis] + 1, whole[2 * axis + 1]):
+                cost = 0
+                for side in range(2):
+                    half = halves[side]
+                    half[:] = whole
+                    half[2 * axis + 1 - side] = at
+                    _shrink(tiles, half)
+                    cost += ((half[1] - half[0]) * tile + margin) * (
+                        (half[3] - half[2]) * tile + margin
+                    ) + extra
+                if cost < least:
+                    least = cost
+                    best[:] = halves
+                    cut = True
+        if cut:
+            found[done] = best[0]
+            found[count] = best[1]
+            count += 1
+        else:
+            done += 1
+    return count
+
+
+def widened(box: Box, shape: tuple[int, ...]) -> Box:
+    """Return the box with its halo, as far as the image goes."""
+    rows, columns = (
+        slice(max(side.start - HALO, 0), min(side.stop + HALO, size))
+        for side, size in zip(box, shape, strict=True)
+    )
+    return rows, columns
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CutViews:
+    """Views cut down to what lands in a box of the reference."""
+
+    views: tuple[RegisteredView, ...]
+    places: tuple[Box, ...]
+    """Rows and columns of each that were taken."""
+
+
+def cut_views(registered: Sequence[RegisteredView], boxes: Sequence[Box]) -> list[CutViews]:
+    """Return, for each box, the pixels that land in it, landing points counted from its corner."""
+    bounds = np.array(
+        [(rows.start, rows.stop, columns.start, columns.stop) for rows, columns in boxes], np.int64
+    ).reshape(-1, 4)
+    places: list[list[Box]] = [[] for _ in boxes]
+    for view in registered:
+        if view.is_reference:
+            for of_box, box in zip(places, boxes, strict=True):
+                of_box.append(box)
+            continue
+        found = np.empty((len(boxes), 4), np.int64)
+        _landing_in(view.position, bounds, found)
+        for of_box, (top, bottom, left, right) in zip(places, found.tolist(), strict=True):
+            of_box.append((slice(top, bottom), slice(left, right)))
+    return [
+        CutViews(
+            views=tuple(_cut(view, place, box) for view, place in zip(registered, at, strict=True)),
+            places=tuple(at),
+        )
+        for box, at in zip(boxes, places, strict=True)
+    ]
+
+
+def _cut(view: RegisteredView, place: Box, box: Box) -> RegisteredView:
+    origin = np.array([box[1].start, box[0].start], np.float32)
+    return replace(
+        view,
+        observed=np.ascontiguousarray(view.observed[place]),
+        position=view.position[place] - origin,
+        registration_weights=view.registration_weights[place],
+        flags=view.flags[place],
+        confidence=view.confidence[place],
+    )
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _landing_in(position, boxes, found):
+    """Write the rows and columns, half-open, of the pixels that land in boxes; one, if none.
+
+    Every third row and column is looked at, and the box found widened by as much.
+    """
+    rows, columns = position.shape[:2]
+    half = np.float32(0.5)
+    for k in range(boxes.shape[0]):
+        found[k] = (rows, -1, columns, -1)
+    for row in range(0, rows, 3):
+        for column in range(0, columns, 3):
+            x, y = position[row, column, 0], position[row, column, 1]
+            for k in range(boxes.shape[0]):
+                if (
+                    y > boxes[k, 0] - half and y < boxes[k, 1] - half
+                    and x > boxes[k, 2] - half and x < boxes[k, 3] - half
+                ):  # fmt: skip
+                    found[k, 0] = min(found[k, 0], row)
+                    found[k, 1] = row
+                    found[k, 2] = min(found[k, 2], column)
+                    found[k, 3] = max(found[k, 3], column)
+    for k in range(boxes.shape[0]):
+        if found[k, 1] < 0:
+            found[k] = (0, 1, 0, 1)
+        else:
+            found[k, 0] = max(found[k, 0] - 2, 0)
+            found[k, 1] = min(found[k, 1] + 3, rows)
+            found[k, 2] = max(found[k, 2] - 2, 0)
+            found[k, 3] = min(found[k, 3] + 3, columns)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _put_back(part, whole, position, top, left, bounds):
+    """Write what was found of the pixels that land in a box."""
+    half = np.float32(0.5)
+    for row in range(part.shape[0]):
+        for column in range(part.shape[1]):
+            x, y = position[top + row, left + column, 0], position[top + row, left + column, 1]
+            if (
+                y > bounds[0] - half and y < bounds[1] - half
+                and x > bounds[2] - half and x < bounds[3] - half
+            ):  # fmt: skip
+                whole[top + row, left + column] = part[row, column]
+
+
+def put_back(
+    part: npt.NDArray, whole: npt.NDArray, place: Box, position: npt.NDArray[np.float32], box: Box
+) -> None:
+    """Write what was found of a view's pixels that land in a box, in place."""
+    rows, columns = box
+    bounds = (rows.start, rows.stop, columns.start, columns.stop)
+    _put_back(part, whole, position, place[0].start, place[1].start, bounds)

@@ -1,0 +1,121 @@
+"""What stands still is averaged over time: its noise falls from frame to frame.
+
+Not in the thesis. A pixel whose surroundings differ from the mean of the frames before by no
+more than noise explains joins that mean; another begins a new one. Differences are judged
+against the mean, not the frame before, so that what changes slowly is found too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from pipeline.frames import GreyImage, Mask
+
+MOST_FRAMES = 4
+"""Weight of the mean against a new frame, at most, frames: older ones fade."""
+
+SMOOTHING = 0.7
+"""σ of the Gaussian on the difference, LR pixels: it leaves ``PASSED`` of the noise's power."""
+
+PASSED = 1 / 6
+
+BOX = 5
+"""Side of the box over which the square of the smoothed difference is averaged, LR pixels."""
+
+TOLERATED = 1.5
+"""Grey levels by which it may differ beside the noise."""
+
+EXCESS = 2.5
+"""Power of the noise in a box, over its mean, that still is noise."""
+
+WIDE_BOX = 15
+"""Side of the box over which the difference itself is averaged, LR pixels: what is too faint
+for the small box, a shadow say, but wide."""
+
+WIDE_BOUND = (1.0, 1.5)
+"""What it is cut off at, constant and factor on the noise, so that a strong change does not
+reach as far as the box: grey levels."""
+
+WIDE_TOLERATED = 0.4
+"""Grey levels by which that mean may differ beside four standard deviations of its noise."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Still:
+    """A view's luma, averaged over the frames in which it has stood still."""
+
+    mean: GreyImage
+    """(H, W) float32, grey levels."""
+    count: npt.NDArray[np.float32]
+    """(H, W): frames that the mean is worth, 1 where something has changed."""
+    changed: Mask
+    """(H, W): whether the pixel began a new mean with the last frame."""
+
+
+def first_seen(luma: GreyImage) -> Still:
+    """Return what is known after one frame."""
+    return Still(
+        mean=luma, count=np.ones(luma.shape, np.float32), changed=np.ones(luma.shape, np.bool_)
+    )
+
+
+def seen_again(luma: GreyImage, before: Still, noise: float) -> Still:
+    """Return what is known after one more frame.
+
+    Parameters
+    ----------
+    luma : (H, W) float32
+        Of the frame, grey levels.
+    before : Still
+        After the frame before it; one of another size is forgotten.
+    noise : float
+        Standard deviation, grey levels.
+    """
+    if before.mean.shape != luma.shape:
+        return first_seen(luma)
+    difference = luma - before.mean
+    smooth = cv2.GaussianBlur(difference, (0, 0), SMOOTHING, borderType=cv2.BORDER_REFLECT)
+    power = cv2.blur(smooth * smooth, (BOX, BOX), borderType=cv2.BORDER_REFLECT)
+    bound = WIDE_BOUND[0] + WIDE_BOUND[1] * noise
+    np.clip(difference, -bound, bound, out=difference)
+    wide = cv2.blur(difference, (WIDE_BOX, WIDE_BOX), borderType=cv2.BORDER_REFLECT)
+    found = np.empty(luma.shape, np.uint8)
+    _judge(before.count, power, wide, np.float32(noise), found)
+    # what changes is wider than a pixel, what noise feigns is not
+    found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    mean, count = before.mean.copy(), before.count.copy()
+    _average(luma, found, mean, count)
+    return Still(mean=mean, count=count, changed=found.view(np.bool_))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _judge(frames, power, wide, noise, changed):
+    """Mark the pixels whose surroundings differ from their mean by more than noise."""
+    one = np.float32(1.0)
+    excess = np.float32(EXCESS * PASSED)
+    tolerated = np.float32(TOLERATED * TOLERATED)
+    spread = np.float32(16.0 / (WIDE_BOX * WIDE_BOX))
+    margin = np.float32(WIDE_TOLERATED)
+    for row in range(frames.shape[0]):
+        for column in range(frames.shape[1]):
+            variance = noise * noise * (one + one / frames[row, column])
+            changed[row, column] = power[row, column] > excess * variance + tolerated or abs(
+                wide[row, column]
+            ) > margin + np.sqrt(spread * variance)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _average(luma, changed, mean, count):
+    """Let a frame join the means, in place; where something has changed it begins a new one."""
+    one = np.float32(1.0)
+    most = np.float32(MOST_FRAMES)
+    for row in range(luma.shape[0]):
+        for column in range(luma.shape[1]):
+            frames = one if changed[row, column] else min(count[row, column] + one, most)
+            count[row, column] = frames
+            mean[row, column] += (luma[row, column] - mean[row, column]) / frames
