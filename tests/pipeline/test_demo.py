@@ -46,4 +46,3 @@ def test_compiling_ahead_reaches_every_solver_and_preset():
     kinds = kinds_of_settings().values()
     assert {settings.solver for settings in kinds} == {solver.value for solver in Solver}
     assert {settings.registration for settings in kinds} == set(REGISTRATION_PRESETS)
-    assert {settings.psf for settings in kinds} == {"given", "auto"}
