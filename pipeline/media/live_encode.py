@@ -19,6 +19,7 @@ import av
 import numpy as np
 
 from pipeline.errors import OutputError
+from pipeline.media.files import Outlet
 from pipeline.media.ycbcr import YcbcrMatrix, to_yuv420
 from pipeline.stereo import Picture, StereoLayout
 
@@ -41,21 +42,6 @@ class AccessUnit:
     is_key: bool
     annex_b: bytes
     """With start codes; a key frame brings its parameter sets along."""
-
-
-class _Outlet:
-    """Takes the bytes of the muxer, which cannot seek here."""
-
-    def __init__(self) -> None:
-        self._parts: list[bytes] = []
-
-    def write(self, data: bytes) -> int:
-        self._parts.append(bytes(data))
-        return len(data)
-
-    def take(self) -> bytes:
-        parts, self._parts = self._parts, []
-        return b"".join(parts)
 
 
 class LiveEncoder:
@@ -91,7 +77,7 @@ class LiveEncoder:
         self._layout = layout
         self._crf = crf
         self._preset = preset
-        self._outlet = _Outlet()
+        self._outlet = Outlet()
         self._container: Any = None
         self._stream: Any = None
         self._shape: tuple[int, ...] | None = None

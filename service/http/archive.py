@@ -9,6 +9,7 @@ from pathlib import Path
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
+from pipeline.media.files import Outlet
 from service.http.files import add_heads
 from service.http.jobs import JobId, Reader, find_job, result_files
 from service.http.problems import ProblemError, responses
@@ -48,7 +49,7 @@ def archive(request: Request, job_id: JobId, client: Reader) -> Response:
 
 def zipped(files: Mapping[str, Path]) -> Iterator[bytes]:
     """Yield the bytes of a ZIP of the files, by the names that they get; the same every time."""
-    outlet = _Outlet()
+    outlet = Outlet()
     with zipfile.ZipFile(outlet, "w", zipfile.ZIP_STORED) as made:
         for name, path in files.items():
             entry = zipfile.ZipInfo(name)
@@ -59,27 +60,6 @@ def zipped(files: Mapping[str, Path]) -> Iterator[bytes]:
                     target.write(chunk)
                     yield outlet.take()
     yield outlet.take()
-
-
-class _Outlet:
-    """Takes what is written; cannot seek, so that sizes follow after each file."""
-
-    def __init__(self) -> None:
-        self._parts: list[bytes] = []
-
-    def write(self, data: bytes) -> int:
-        self._parts.append(bytes(data))
-        return len(data)
-
-    def flush(self) -> None:
-        """Nothing is held back."""
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-    def take(self) -> bytes:
-        parts, self._parts = self._parts, []
-        return b"".join(parts)
 
 
 add_heads(router)
