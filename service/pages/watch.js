@@ -229,10 +229,14 @@ place("canvas").addEventListener("pointermove", (event) => {
     ? view.options.centre : [x, (event.clientY - box.top) / box.height] });
 });
 for (const name of ["play", "pause", "ended"]) videos.result.addEventListener(name, showPlaying);
-videos.result.addEventListener("seeked", keepTogether);
-videos.result.addEventListener("ended", () => { // a busy machine may have left the last picture out
-  show("result", videos.result.currentTime - 1 / seen.tracks.result.fps);
-});
+
+/** Show the picture that stands: a busy machine may call no frame after a seek or at the end. */
+function showStanding() {
+  const { fps } = seen.tracks.result;
+  const at = videos.result.currentTime * fps - (videos.result.ended ? 1 : 0);
+  show("result", Math.floor(at + 1e-3) / fps);
+}
+for (const name of ["seeked", "ended"]) videos.result.addEventListener(name, showStanding);
 
 function step(frames) {
   videos.result.pause();

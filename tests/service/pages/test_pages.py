@@ -18,6 +18,7 @@ from tests.service.http.test_api import follow
 from tests.service.http.test_watch import OnAir
 
 FRAMES = 24
+SOUGHT = 17
 PATIENCE_MS = 60_000
 TOKEN = "a-token-for-everything"
 
@@ -104,6 +105,23 @@ def test_hls_plays_to_the_end_with_every_frame(chromium, live_service, job):
         assert numbers["way"] == "hls"
         assert numbers["shownFrame"] == FRAMES - 1
         assert page.locator("#frame").inner_text().count("computed in") == 1
+
+
+def test_a_frame_sought_is_shown_though_the_browser_calls_none(chromium, live_service, job):
+    """A busy browser may put a frame on the screen without the call that tells of it."""
+    with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
+        _first_frame(page)
+        first = _pixels(page)
+        page.evaluate(
+            """sought => {
+              const video = window.depthsrWatch.videos.result;
+              HTMLVideoElement.prototype.requestVideoFrameCallback = () => 0;
+              video.currentTime = sought * video.duration;
+            }""",
+            (SOUGHT + 0.5) / FRAMES,
+        )
+        _until(page, f"window.depthsrWatch.numbers().shownFrame === {SOUGHT}")
+        assert np.abs(_pixels(page).astype(int) - first).max() > 20
 
 
 def test_every_view_shows_what_it_says(chromium, live_service, job):
