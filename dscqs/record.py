@@ -4,18 +4,36 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 from dscqs.errors import VotesError
 from dscqs.order import Kind
-from dscqs.report.content import LogEntry
 from dscqs.store import SessionRecord, SessionStore, StoredEvent, TestRecord
 from dscqs.views import reason_of
 from dscqs.votes import Vote, format_csv
 
 WITHDRAWN = "withdrawn"
 """The ``kind`` of the votes of an assessor who left: kept, and not counted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogEntry:
+    """One event of a session, for the log at the end of a report.
+
+    Parameters
+    ----------
+    time : str
+        As it is to be printed.
+    assessor, event, detail : str
+        Empty where not known.
+    """
+
+    time: str
+    event: str
+    assessor: str = ""
+    detail: str = ""
 
 
 def votes_csv(store: SessionStore, test: str) -> str:

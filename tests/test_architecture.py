@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -36,12 +37,19 @@ def _files(place: str) -> list[Path]:
     return found
 
 
+@functools.cache
 def _tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
 
 
-def _imports(path: Path) -> Iterator[str]:
-    """Yield the full name of every module imported anywhere in the file, relative ones resolved."""
+@functools.cache
+def _imports(path: Path) -> tuple[str, ...]:
+    """Return the full name of every module imported anywhere in the file."""
+    return tuple(_found_imports(path))
+
+
+def _found_imports(path: Path) -> Iterator[str]:
+    """Yield them; relative ones are resolved."""
     package = path.relative_to(ROOT).with_suffix("").parts[:-1]
     for node in ast.walk(_tree(path)):
         if isinstance(node, ast.Import):

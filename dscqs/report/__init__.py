@@ -12,7 +12,8 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dscqs.report.content import LogEntry, content
+from dscqs.record import LogEntry
+from dscqs.report.content import content
 from dscqs.statistics.analysis import analyse
 from dscqs.statistics.document import document
 from dscqs.statistics.screening import Variant

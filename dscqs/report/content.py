@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 
+from dscqs.record import LogEntry
 from dscqs.report import plots, tables
 from dscqs.report.blocks import Block, Heading, Paragraph, Plot, Table
 from dscqs.report.methods import informal_text, methods, power_text
@@ -25,24 +25,6 @@ LABELS = {
     Method.DIFFERENCE: "reference − test  (> 0: test worse)",
     Method.SCORE: "score  (higher is better)",
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class LogEntry:
-    """One event of a session, for the log at the end of a report.
-
-    Parameters
-    ----------
-    time : str
-        As it is to be printed.
-    assessor, event, detail : str
-        Empty where not known.
-    """
-
-    time: str
-    event: str
-    assessor: str = ""
-    detail: str = ""
 
 
 def content(

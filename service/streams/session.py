@@ -398,17 +398,3 @@ def _picture(image: SuperResolvedImage | View) -> Picture:
     if image.chroma is None:
         return to_grey(image.luma, 8)
     return to_rgb(image.luma, image.chroma, 8)
-
-
-def check_views(manifest: LiveManifest, max_views: int) -> None:
-    """Refuse a source whose views cannot be named on the bus, or are too many.
-
-    Raises
-    ------
-    SceneError
-    """
-    if len(manifest.view_ids) > max_views:
-        raise SceneError(f"views: {len(manifest.view_ids)}; up to {max_views} are taken")
-    for view_id in manifest.view_ids:
-        if not keys.is_view(view_id):
-            raise SceneError("id: cannot stand in a key (no * $ ? # /)", view=view_id)

@@ -12,8 +12,6 @@ import json
 import logging
 import queue
 import secrets
-import shutil
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -22,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.config import Settings
-from pipeline.errors import PipelineError
+from pipeline.errors import PipelineError, SceneError
 from pipeline.media.live_manifest import LiveManifest, live_manifest, read_live_manifest
 from pipeline.stereo import StereoLayout
 from service.bus import keys
@@ -30,9 +28,9 @@ from service.bus.bus import JSON, Bus, BusError, Sample, answer_json
 from service.bus.config import BusConfig
 from service.config import MIB, ServiceConfig
 from service.live.broadcast import Broadcasts
+from service.streams.door import PrivateFolder
 from service.streams.options import StreamOptions
 from service.streams.process import StreamProcess
-from service.streams.session import check_views
 from service.streams.states import Action, State
 from service.streams.stream import MAX_LOSSES, KeptStreams, Stream
 from service.streams.worker import StreamOrder
@@ -121,8 +119,8 @@ class Streams:
         self._wake = threading.Event()
         self._closing = False
         self._bus: Bus | None = None
-        self._private: str | None = None
-        """Folder of the socket that only our workers can open."""
+        self._door: PrivateFolder | None = None
+        """Of the socket that only our workers can open."""
         self._user, self._password = f"worker-{secrets.token_hex(4)}", secrets.token_hex(16)
         self.refused = 0
         """Manifests that were not taken."""
@@ -166,8 +164,8 @@ class Streams:
             process.join(2)
         if self._bus is not None:
             self._bus.close()
-        if self._private is not None:
-            shutil.rmtree(self._private, ignore_errors=True)
+        if self._door is not None:
+            self._door.close()
 
     def all(self) -> list[Stream]:
         """Return all streams, newest first."""
@@ -283,15 +281,15 @@ class Streams:
 
     def _with_private_door(self, config: BusConfig) -> BusConfig:
         """Return the settings with a socket for our workers, and a user where users are asked."""
-        if self._private is None:
-            self._private = tempfile.mkdtemp(prefix="depthsr-")
+        if self._door is None:
+            self._door = PrivateFolder()
         users = None
         if config.users_file is not None:
-            users = Path(self._private) / "users"
+            users = self._door.path / "users"
             users.touch(mode=0o600)
             known = config.users_file.read_text(encoding="utf-8").rstrip("\n")
             users.write_text(f"{known}\n{self._user}:{self._password}\n", encoding="utf-8")
-        listen = (*config.listen, f"unixsock-stream/{self._private}/bus")
+        listen = (*config.listen, f"unixsock-stream/{self._door.path}/bus")
         user = None if users is None else self._user
         return replace(config, listen=listen, users_file=users, workers_user=user)
 
@@ -452,11 +450,11 @@ class Streams:
     def _workers_bus(self) -> BusConfig:
         """Return how our workers reach the bus: by a socket of our own where we listen."""
         config = self.config.bus()
-        if self._private is None:
+        if self._door is None:
             return replace(config, listen=())
         is_asked = config.users_file is not None
         return BusConfig(
-            connect=(f"unixsock-stream/{self._private}/bus",),
+            connect=(f"unixsock-stream/{self._door.path}/bus",),
             user=self._user if is_asked else None,
             password=self._password if is_asked else None,
             max_message=config.max_message,
@@ -520,6 +518,20 @@ class Streams:
         if self._bus is not None:
             with contextlib.suppress(BusError):
                 self._bus.put(keys.status(stream), json.dumps(said).encode(), encoding=JSON)
+
+
+def check_views(manifest: LiveManifest, max_views: int) -> None:
+    """Refuse a source whose views cannot be named on the bus, or are too many.
+
+    Raises
+    ------
+    SceneError
+    """
+    if len(manifest.view_ids) > max_views:
+        raise SceneError(f"views: {len(manifest.view_ids)}; up to {max_views} are taken")
+    for view_id in manifest.view_ids:
+        if not keys.is_view(view_id):
+            raise SceneError("id: cannot stand in a key (no * $ ? # /)", view=view_id)
 
 
 def watched_as(stream: str) -> tuple[str, str]:

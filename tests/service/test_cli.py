@@ -183,6 +183,17 @@ def test_help_is_fast_and_imports_nothing_heavy():
     assert done.stdout.strip() == "[]"
 
 
+def test_a_service_begins_without_plots_and_statistics():
+    program = (
+        "import sys\nimport service.app\n"
+        "print([name for name in ('matplotlib', 'scipy.stats', 'fpdf') if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
 def test_version():
     done = depthsr("--version")
     assert (done.returncode, done.stdout.split()[0]) == (0, "depthsr")
