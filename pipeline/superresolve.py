@@ -73,6 +73,9 @@ NOTHING_NEW = 5.0
 WARM = FusedTuning(alone=0.0, together=4)
 """Work from the previous frame's result; see :class:`FusedTuning` for that from a cold start."""
 
+NEW = FusedTuning(alone=0.0, together=9)
+"""The same where the previous frame does not show it."""
+
 STILL = FusedTuning(alone=0.0, together=2)
 """The same where nothing has changed but the mean of the observations."""
 
@@ -662,6 +665,16 @@ def _due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due] | N
     due = [Due(wanted=changed, noise=frame.noise, tuning=WARM)]
     if due[0].share > MOSTLY_CHANGED:
         return None
+    unseen = changed & ~frame.matches[target].matched_pixels(changed.shape)
+    with_unseen = np.zeros_like(changed)
+    for box in due[0].boxes:
+        if unseen[box].any():
+            with_unseen[box] = changed[box]
+    due = [
+        Due(wanted=part, noise=frame.noise, tuning=tuning)
+        for part, tuning in ((changed & ~with_unseen, WARM), (with_unseen, NEW))
+        if part.any()
+    ]
     again = ~changed
     ripe = (still.count >= 2 * previous.frames)[again]
     if ripe.size and ripe.mean() <= 0.5:
@@ -670,6 +683,8 @@ def _due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due] | N
         again[: edges[turn]] = again[edges[turn + 1] :] = False
     if again.any():
         due.append(Due(wanted=again, noise=frame.noise, tuning=STILL))
+    if sum(part.share * part.tuning.together for part in due) > NEW.together:
+        return [Due(wanted=np.ones_like(changed), noise=frame.noise, tuning=NEW)]
     return due
 
 

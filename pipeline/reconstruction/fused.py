@@ -7,8 +7,9 @@ the constraints and the PSF are the same. Two rounds:
 2. every other view's pixels are predicted from that result, and weighted by how well
    they agree with it around them; then all are fused.
 
-So no view can do harm by having been misregistered. The prior (Charbonnier penalty of the
-first differences, by iterative re-weighting) and the weights follow the noise.
+So no view can do harm by having been misregistered. The prior smooths first differences,
+the less so the larger those around them are, by re-weighting; it and the weights follow the
+noise.
 """
 
 from __future__ import annotations
@@ -56,14 +57,15 @@ SMALLEST_NOISE = 0.3
 class FusedTuning:
     """The constants of the solver, measured on the sample and on real scenes."""
 
-    prior_strength: float = 0.078
+    prior_strength: float = 0.128
     """λ at noise 1 and σ_psf 1."""
     prior_noise_power: float = 1.6
     """λ grows with the noise to this power …"""
     prior_psf_power: float = -1.5
     """… and with σ_psf to this one: what a wide PSF has removed no prior should smooth again."""
-    edge_scale: tuple[float, float] = (4.0, 4.0)
-    """Difference below which the prior is quadratic: constant and factor on the noise, grey."""
+    edge_scale: tuple[float, float] = (4.0, 0.4)
+    """Root mean square of the differences around a pixel below which the prior is quadratic:
+    constant and factor on the noise, grey."""
     agreement: tuple[float, float] = (1.0, 2.0)
     """Prediction error that is tolerated: constant a, and factor b on the noise, grey."""
     severity: float = 4.0
@@ -75,14 +77,14 @@ class FusedTuning:
     alone: float = 0.9
     """Conjugate-gradient steps from the reference alone, before the others are weighed, at noise
     1; in inverse proportion to the noise, rounded down."""
-    together: int = 26
+    together: int = 28
     """Conjugate-gradient steps from all views, at most."""
     only: int = 18
     """The same where the reference is the only view."""
     hold: float = 2.8
     """Steps for which the prior is held quadratic at noise 1, at least one; in inverse proportion
     to the noise: the less there is, the less the prior says."""
-    settled: float = 0.08
+    settled: float = 0.06
     """Share of its first gradient at which a descent has come far enough, at noise 1 and σ_psf
     1; in inverse proportion to σ_psf; …"""
     settled_noise_powers: tuple[float, float] = (1.0, -2.0)

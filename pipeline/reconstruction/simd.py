@@ -68,20 +68,6 @@ class _Eight:
         found = self.builder.load(self.place(data, at, more, _SHORTS), align=2)
         return self.builder.uitofp(self.builder.zext(found, _WORDS), _FLOATS)
 
-    def inverse_root(self, value):
-        """Return 1 / √value to 7 parts in 10 000."""
-
-        def number(of: float):
-            return ir.Constant(_FLOATS, [of] * LANES)
-
-        bits = self.builder.bitcast(value, _WORDS)
-        halved = self.builder.lshr(bits, ir.Constant(_WORDS, [1] * LANES))
-        guess = self.builder.sub(ir.Constant(_WORDS, [0x5F1FFFF9] * LANES), halved)
-        root = self.builder.bitcast(guess, _FLOATS)
-        excess = self.times(self.times(value, root), root)
-        better = self.times(self.subtract(number(2.38924456), excess), number(0.703952253))
-        return self.times(root, better)
-
 
 def _data(context, builder, signature, arguments, number: int):
     """Return the address of the first element of an array argument."""
@@ -288,49 +274,6 @@ def blur_of_eight(
     return signature, generate
 
 
-@intrinsic
-def edges_of_eight(typing_context, image, row, down, scale2, top, planes, to, plane):
-    """Write the prior's weights of eight pixels: top / √(d² + scale2), rounded to sixteen bits.
-
-    Parameters
-    ----------
-    image : float32 array
-    row, down : intp
-        Of the first pixel, and of the one below it.
-    planes : uint16 array
-        Towards the right, below-left, below and below-right.
-    to, plane : intp
-        Of the first pixel in plane 0; from plane to plane.
-
-    Notes
-    -----
-    The inverse root is the one by shifted bits and a step of Newton's, to 7 parts in 10 000.
-    """
-    signature = types.void(
-        image, types.intp, types.intp, types.float32, types.float32, planes, types.intp, types.intp
-    )
-
-    def generate(context, builder, signature, arguments):
-        eight = _Eight(builder)
-        pixels = _data(context, builder, signature, arguments, 0)
-        target = _data(context, builder, signature, arguments, 5)
-        row, down, scale2, top = arguments[1:5]
-        to, plane = arguments[6:8]
-        own = eight.load(pixels, row)
-        half = ir.Constant(_FLOATS, [0.5] * LANES)
-        for number, (start, dx) in enumerate(((row, 1), (down, -1), (down, 0), (down, 1))):
-            away = eight.subtract(eight.load(pixels, start, dx), own)
-            square = eight.add(eight.times(away, away), eight.spread(scale2))
-            value = eight.times(eight.inverse_root(square), eight.spread(top))
-            whole = builder.fptosi(eight.add(value, half), _WORDS)
-            where = builder.add(to, builder.mul(plane, ir.Constant(plane.type, number)))
-            address = eight.place(target, where, kind=_SHORTS)
-            builder.store(builder.trunc(whole, _SHORTS), address, align=2)
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
 _NEIGHBOURS = ((0, 0, 1), (1, 1, -1), (2, 1, 0), (3, 1, 1))
 """Plane of the prior's weights, rows down and columns right of what it couples a pixel with."""
 
@@ -348,7 +291,7 @@ def pull_of_eight(
     Parameters
     ----------
     weights : uint16 array
-        Of :func:`edges_of_eight`.
+        Of ``sweeps.weigh_prior``.
     at, plane, pitch : intp
         Of the first pixel in plane 0; from plane to plane; from row to row.
     image : float32 array

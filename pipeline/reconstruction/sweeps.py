@@ -14,7 +14,6 @@ from pipeline.reconstruction.rows import OPTIONS, blur_ring, blur_row, copy_row,
 from pipeline.reconstruction.simd import (
     LANES,
     bend_of_eight,
-    edges_of_eight,
     pull_of_eight,
     stencil_eight,
 )
@@ -27,6 +26,10 @@ TAIL = 10
 
 TOP = 65000.0
 """Weight of the prior between two pixels that are alike, in units of which sixteen bits hold it."""
+
+FLOOR = 0.005
+"""Share of that weight which is left at the strongest edge: without it little would keep an image
+together where nobody looks."""
 
 
 @njit(**OPTIONS)
@@ -198,8 +201,8 @@ def _subtract(row, line):
 
 @njit(**OPTIONS)
 def look_and_sharpen(
-    step, estimate, direction, residual, applied, renew, prior, scale, strength, share, least,
-    taps_x, taps_y, lo, hi, estimate_after, residual_after, sharpened,
+    step, estimate, direction, residual, applied, prior, strength, share, least, taps_x, taps_y,
+    lo, hi, estimate_after, residual_after, sharpened,
 ):  # fmt: skip
     """Take a step along the direction, look where it leads, and sharpen what is left to do.
 
@@ -212,12 +215,9 @@ def look_and_sharpen(
         Zero: x is as it was.
     estimate, direction, residual, applied : (KH, KW) float32
         x, the direction p, the residual, and Bᵀ M B p.
-    renew : bool
-        Whether to weigh the prior anew, at the next estimate.
     prior : (4, KH + 1, ≥ KW + 1 + TAIL) uint16
-        Weights of the prior: ``scale`` / √(d² + ``scale``²) of :data:`TOP`, d the difference to
-        the neighbour. Row y in row y + 1, padded by one in front; planes: right, below-left,
-        below, below-right; zero where a neighbour is outside. Rewritten where ``renew``.
+        Weights of the prior, see :func:`weigh_prior`. Row y in row y + 1, padded by one in
+        front; planes: right, below-left, below, below-right; zero where a neighbour is outside.
     strength : float
         λ, in units of the prior; its diagonals count half.
     share, least : float
@@ -241,10 +241,10 @@ def look_and_sharpen(
     smoothed = np.empty((lines, width), np.float32)
     # the last line stays zero: what lies outside the image
     around = np.zeros((4, 1 + width + TAIL), np.float32)
-    edges = np.zeros((4, 2, 1 + width + TAIL), np.uint16)
     room = np.empty(width + 2 * (taps_x.size - 1), np.float32)
     line = np.empty(width, np.float32)
     length, size = around.shape[1], gradient.shape[1]
+    plane, pitch = prior.shape[1] * prior.shape[2], prior.shape[2]
     s, lam = np.float32(step), np.float32(strength)
     share, least = np.float32(share), np.float32(least)
     end_fine = min(height, hi + reach)
@@ -255,7 +255,6 @@ def look_and_sharpen(
         above = next_row - 1
         _combine(estimate[above], s, direction[above], around[above % 3, 1:])
         _combine(estimate[next_row], s, direction[next_row], around[next_row % 3, 1:])
-        _weigh(around, above % 3, next_row % 3, renew, scale, prior, above, width, edges)
     else:
         _combine(estimate[0], s, direction[0], around[0, 1:])
     energy, along = 0.0, 0.0
@@ -269,19 +268,15 @@ def look_and_sharpen(
                 if u + 1 < height:
                     below = (u + 1) % 3
                     _combine(estimate[u + 1], s, direction[u + 1], around[below, 1:])
-                _weigh(around, u % 3, below, renew, scale, prior, u, width, edges)
                 row = gradient[u % lines]
                 _combine(residual[u], -s, applied[u], row)
                 if lo <= u < hi:
                     copy_row(around[u % 3, 1 : 1 + width], estimate_after[u])
                     copy_row(row[:width], residual_after[u])
-                    if renew:
-                        _keep(edges, u, prior)
-                slot = u % 2 * length
                 for x in range(0, width, LANES):
                     at = 1 + x
                     pull_of_eight(
-                        edges, slot + at, 2 * length, 2 * slot - length, around,
+                        prior, (u + 1) * pitch + at, plane, pitch, around,
                         above * length + at, u % 3 * length + at, below * length + at,
                         lam, share, least, gradient, softness, u % lines * size + x,
                     )  # fmt: skip
@@ -296,37 +291,6 @@ def look_and_sharpen(
         energy += _sharp(row, fine[y % lines], line, sharpened[y])
         along += dot_row(row, direction[y])
     return energy, along
-
-
-@njit(**OPTIONS)
-def _weigh(around, own, below, renew, scale, prior, y, width, edges):
-    """Put the weights of row y into line y mod 2 of ``edges``, anew or as they were."""
-    slot = y % 2
-    if not renew:
-        for plane in range(4):
-            copy_row(prior[plane, y + 1], edges[plane, slot])
-        return
-    length = around.shape[1]
-    scale2, top = np.float32(scale * scale), np.float32(scale * TOP)
-    for x in range(0, width, LANES):
-        at = 1 + x
-        edges_of_eight(
-            around, own * length + at, below * length + at, scale2, top, edges,
-            slot * length + at, 2 * length,
-        )  # fmt: skip
-    edges[0, slot, width:] = 0
-    edges[1, slot, 1] = 0
-    for plane in range(1, 4):
-        edges[plane, slot, 1 + width :] = 0
-    edges[3, slot, width] = 0
-    if y + 1 == prior.shape[1] - 1:
-        edges[1:, slot] = 0
-
-
-@njit(**OPTIONS)
-def _keep(edges, y, prior):
-    for plane in range(4):
-        copy_row(edges[plane, y % 2], prior[plane, y + 1])
 
 
 @njit(**OPTIONS)
@@ -370,19 +334,113 @@ def add_prior(image, prior, strength, lo, hi, out):
 
 
 @njit(**OPTIONS)
-def weigh_prior(image, scale, lo, hi, prior):
-    """Write the prior's weights at an image into its rows; see :func:`look_and_sharpen`."""
-    height, width = image.shape
-    around = np.zeros((3, 1 + width + TAIL), np.float32)
-    edges = np.zeros((4, 2, 1 + width + TAIL), np.uint16)
+def weigh_prior(step, estimate, direction, scale, lo, hi, prior):
+    """Write the prior's weights a step from the estimate into its rows ``lo`` to ``hi``.
+
+    With ⟨·⟩ the mean over the 3 × 3 pixels around, weighted 1 2 1 along both axes, a difference
+    d between neighbours weighs f + (1 − f) ⟨scale² / (⟨d²⟩ + scale²)⟩ of :data:`TOP`, ⟨d²⟩ over
+    the differences in the same direction, those outside counting zero, f the :data:`FLOOR`. Flat
+    parts are smoothed, edges and texture are kept, and no pixel alone passes for an edge because
+    it is noisy.
+
+    Parameters
+    ----------
+    step : float
+    estimate, direction : (KH, KW) float32
+    scale : float
+        Root mean square of the differences below which the prior is quadratic, grey levels.
+    prior : (4, KH + 1, ≥ KW + 1 + TAIL) uint16
+        See :func:`look_and_sharpen`.
+
+    Notes
+    -----
+    The derivative, by d², of Σ f d² + (1 − f) scale² log(1 + ⟨d²⟩ / scale²), which is concave in
+    d²: a step down the quadratic of these weights is one down this sum.
+    """
+    height, width = estimate.shape
+    around = np.zeros((2, width), np.float32)
+    squares = np.zeros((3, 4, width + 4), np.float32)
+    shares = np.zeros((3, 4, width + 2), np.float32)
+    line = np.empty(width + 4, np.float32)
+    s = np.float32(step)
+    square, floor = np.float32((1 - FLOOR) * TOP * scale**2), np.float32(FLOOR * TOP / 16)
+    least = np.float32(16.0 * scale**2)
+    next_row = max(lo - 2, 0)
+    next_share = lo - 1
+    _combine(estimate[next_row], s, direction[next_row], around[next_row % 2])
     for y in range(lo, hi):
-        around[y % 2, 1 : 1 + width] = image[y]
-        below = 2
-        if y + 1 < height:
-            below = (y + 1) % 2
-            around[below, 1 : 1 + width] = image[y + 1]
-        _weigh(around, y % 2, below, True, scale, prior, y, width, edges)
-        _keep(edges, y, prior)
+        while next_share < y + 2:
+            while next_row < min(next_share + 2, height):
+                below = next_row + 1
+                if below < height:
+                    _combine(estimate[below], s, direction[below], around[below % 2])
+                _squares(
+                    around[next_row % 2], around[below % 2], below < height, squares[next_row % 3]
+                )  # fmt: skip
+                next_row += 1
+            if next_share + 1 >= height:
+                squares[(next_share + 1) % 3] = 0
+            for plane in range(4):
+                _add_three(
+                    squares[(next_share - 1) % 3, plane], squares[next_share % 3, plane],
+                    squares[(next_share + 1) % 3, plane], line,
+                )  # fmt: skip
+                _share(line, square, least, floor, shares[next_share % 3, plane])
+            next_share += 1
+        for plane in range(4):
+            if plane > 0 and y + 1 == height:
+                continue
+            _add_three(
+                shares[(y - 1) % 3, plane], shares[y % 3, plane], shares[(y + 1) % 3, plane],
+                line[: width + 2],
+            )  # fmt: skip
+            _round_three(line, prior[plane, y + 1, 1 : 1 + width])
+        prior[0, y + 1, width] = 0
+        prior[1, y + 1, 1] = 0
+        prior[3, y + 1, width] = 0
+
+
+@njit(**OPTIONS)
+def _squares(own, below, has_below, out):
+    """Write the squared differences of a row to its neighbours, padded by two."""
+    width = own.size
+    _square(own[: width - 1], own[1:], out[0, 2:])
+    if not has_below:
+        out[1:] = 0
+        return
+    _square(own[1:], below[: width - 1], out[1, 3:])
+    _square(own, below, out[2, 2:])
+    _square(own[: width - 1], below[1:], out[3, 2:])
+
+
+@njit(**OPTIONS)
+def _square(first, second, out):
+    for x in range(first.size):
+        away = second[x] - first[x]
+        out[x] = away * away
+
+
+@njit(**OPTIONS)
+def _add_three(above, own, below, out):
+    two = np.float32(2.0)
+    for x in range(out.size):
+        out[x] = above[x] + two * own[x] + below[x]
+
+
+@njit(**OPTIONS)
+def _share(line, square, least, floor, out):
+    two = np.float32(2.0)
+    middle, after = line[1:], line[2:]
+    for x in range(out.size):
+        out[x] = square / (line[x] + two * middle[x] + after[x] + least) + floor
+
+
+@njit(**OPTIONS)
+def _round_three(line, out):
+    two, half = np.float32(2.0), np.float32(0.5)
+    middle, after = line[1:], line[2:]
+    for x in range(out.size):
+        out[x] = np.uint16(np.int32(line[x] + two * middle[x] + after[x] + half))
 
 
 @njit(**OPTIONS)

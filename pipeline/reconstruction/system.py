@@ -170,9 +170,12 @@ class NormalEquations:
         return out
 
     def edge_weights(self, estimate: HrImage, scale: float) -> npt.NDArray[np.uint16]:
-        """Return the prior's weights at an estimate, see :func:`sweeps.look_and_sharpen`."""
+        """Return the prior's weights at an estimate, see :func:`sweeps.weigh_prior`."""
         weights = self._no_weights()
-        map_threads(lambda band: sweeps.weigh_prior(estimate, scale, *band, weights), self._bands)
+        map_threads(
+            lambda band: sweeps.weigh_prior(0.0, estimate, estimate, scale, *band, weights),
+            self._bands,
+        )
         return weights
 
     def descend(
@@ -188,14 +191,16 @@ class NormalEquations:
     ) -> HrImage:
         """Return the estimate after some steps of conjugate gradients, a new array.
 
-        Down Σ w (s·Bf − y)² + 2 λ Σ √(d² + scale²), d the differences of neighbours (diagonals
-        counting half). The prior is held quadratic for ``hold`` steps, then weighed anew; the
-        directions go on being conjugate (Fletcher and Reeves). Preconditioned, see :meth:`_look`.
+        Down Σ w (s·Bf − y)² + λ Σ W d², d the differences of neighbours (diagonals counting
+        half), W = scale / (⟨d²⟩ + scale²) with the mean around of :func:`sweeps.weigh_prior`.
+        W is held for ``hold`` steps, then weighed anew, and comes to rest where it is that of
+        the estimate itself; the directions go on being conjugate (Fletcher and Reeves).
+        Preconditioned, see :meth:`_look`.
 
         Parameters
         ----------
         scale : float
-            Difference below which the prior is quadratic, grey levels.
+            Root mean square of the differences below which the prior is quadratic, grey levels.
         strength : float
             λ.
         steps : int
@@ -287,10 +292,15 @@ class NormalEquations:
         diagonal, and of what little the observations say. Symmetric, and positive definite as
         e > 0.
         """
+        if renew:
+            map_threads(
+                lambda band: sweeps.weigh_prior(step, image, direction, scale, *band, prior),
+                self._bands,
+            )
         parts = map_threads(
             lambda band: sweeps.look_and_sharpen(
-                step, image, direction, residual, applied, renew, prior, scale, unit, PRIOR_SHARE,
-                DATA_SHARE, *self._sharpening, *band, image_after, residual_after, sharpened,
+                step, image, direction, residual, applied, prior, unit, PRIOR_SHARE, DATA_SHARE,
+                *self._sharpening, *band, image_after, residual_after, sharpened,
             ),
             self._bands,
         )  # fmt: skip

@@ -64,7 +64,7 @@ LOOSE = FitPrior(along=2.0, across=0.5, linear=4.0, quadratic=16.0, offset_sigma
 
 COARSE_PASSES = (Pass(level=1, iterations=4),)
 MIDDLE_PASSES = (Pass(level=0, iterations=3, stride=2),)
-LAST_PASSES = (Pass(level=0, iterations=2),)
+LAST_PASSES = (Pass(level=0, iterations=3),)
 
 SMALLEST_ACROSS, LARGEST_ACROSS = 0.01, 0.5
 """Bounds of the prior across the parallax, LR pixels."""

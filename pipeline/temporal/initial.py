@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.frames import GreyImage
+from pipeline.frames import GreyImage, Mask
 from pipeline.grid import Grid
 
 BLOCK = 8
@@ -58,6 +58,10 @@ class BlockMatch:
         """What the report says."""
         share = 0.0 if self.is_cut else float(self.matched.mean())
         return StartChoice(warm_share=share, is_cut=self.is_cut)
+
+    def matched_pixels(self, shape: tuple[int, int]) -> Mask:
+        """Return whether the block of each LR pixel is matched, (H, W)."""
+        return _spread(self.matched, shape, 1, 1)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

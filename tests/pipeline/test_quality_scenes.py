@@ -31,7 +31,7 @@ MEAN_OVER_BICUBIC = 2.7
 NOISY_OVER_SINGLE_VIEW = {
     ("lytro_2067", 1.0): 1.8,
     ("lytro_2067", 1.7): 1.2,
-    ("flower", 1.0): 0.7,  # the goal is 0.8, not met yet: see docs/quality.md
+    ("flower", 1.0): 0.8,
     ("flower", 1.7): 0.5,
 }
 """Least gains over single-view at noise 2, dB; by scene and σ_psf."""
