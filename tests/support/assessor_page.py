@@ -24,11 +24,11 @@ RECORD = """async () => {
     const x = Math.floor((width - dx) / 2) + 2;
     const y = Math.floor((height - dy) / 2) + 2;
     this.gl.readPixels(x, height - 1 - y, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, pixel);
-    window.drawn.push({at: performance.now(), rgb: [...pixel.subarray(0, 3)],
+    window.drawn.push({at: document.timeline.currentTime, rgb: [...pixel.subarray(0, 3)],
       stereo: source !== null && source.stereo});
   };
 }"""
-"""Notes time and a pixel (2, 2) of the left eye's picture at every drawing that is visible."""
+"""Notes the frame's time and a pixel (2, 2) of the left eye's picture at every visible drawing."""
 
 
 @dataclass
@@ -67,6 +67,10 @@ class AssessorPage:
         """Wait until one of the pages is there; return which."""
         self.page.wait_for_selector(", ".join(PAGE.format(name) for name in names))
         return self.name
+
+    def wait_until_sent(self) -> None:
+        """Wait until the server has answered the last vote."""
+        self.page.wait_for_selector("main:not(:has(.scales[inert]))", state="attached")
 
     def wait_until_drawn(self, count: int) -> None:
         """Wait for that many drawings; by asking, since the page's policy lets no text be run."""
@@ -118,7 +122,7 @@ class AssessorPage:
     def come_to_vote(self) -> None:
         """See the next presentation to its end, however often it has to be shown."""
         while True:
-            self.page.wait_for_selector("main:not(:has(.scales[inert]))")  # the last vote is sent
+            self.wait_until_sent()
             name = self.wait_for("vote", "failed", "elsewhere", "ready", "pause")
             if name == "vote":
                 self.drawn.append(self.page.evaluate("window.drawn.splice(0)"))

@@ -15,6 +15,7 @@ import uvicorn
 
 from pipeline.media.png import encode_png
 from service.dscqs_client import AssessorClient
+from tests.support.ports import free_port
 
 CONTENTS, CONDITIONS, REFERENCE = ("ballet", "street"), ("bicubic", "sr"), "original"
 
@@ -75,9 +76,7 @@ class KillableService:
 
     def start(self) -> None:
         if not self.port:
-            with socket.socket() as free:
-                free.bind(("127.0.0.1", 0))
-                self.port = free.getsockname()[1]
+            self.port = free_port()
         forks = multiprocessing.get_context("forkserver")
         forks.set_forkserver_preload(["service.app", "uvicorn"])
         self.process = forks.Process(target=_serve, args=(self.data, self.roots, self.port))
@@ -107,5 +106,5 @@ def _serve(data: Path, roots: Path, port: int) -> None:
     from service.app import create_app
     from service.config import ServiceConfig
 
-    app = create_app(ServiceConfig(data=data, workers=0, roots=(roots,)))
+    app = create_app(ServiceConfig(data=data, workers=0, roots=(roots,), zenoh="off"))
     uvicorn.run(app, host="127.0.0.1", port=port, log_config=None, ws="none")

@@ -17,8 +17,11 @@ from tests.support.browser import PATIENCE_MS
 __all__ = ["http", "make_http", "operator", "served", "stimuli"]
 
 WIDTH, HEIGHT = 600, 620
-TIMING = {"show_s": 0.6, "grey_s": 0.3, "vote_s": 60, "showings": 2, "tolerance_s": 20}
+TIMING = {"show_s": 0.4, "grey_s": 0.3, "vote_s": 60, "showings": 1, "tolerance_s": 20}
 """A loaded machine may be late; how late it was is looked at by the tests that are about it."""
+
+LONG = {**TIMING, "show_s": 3, "grey_s": 0.5}
+"""Time for a loaded machine to disturb what is shown before it is over."""
 
 PROFILE = {
     "title": "the browser's window", "mode": "rows", "width_px": WIDTH, "height_px": HEIGHT,

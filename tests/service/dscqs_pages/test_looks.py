@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from dscqs.displays import profile_from_dict
-from tests.service.dscqs_pages.conftest import HEIGHT, PROFILE, TIMING, WIDTH
+from tests.service.dscqs_pages.conftest import HEIGHT, PROFILE, WIDTH
 from tests.service.dscqs_pages.test_session import given, votes_of
 from tests.support.accessibility import problems
 
 
 def test_pages_around_a_session(make_tab, desk, make_test, operator, served, plan):
     """What a session shows when something is amiss, from its link to its end."""
-    test = make_test({**plan, "timing": {**TIMING, "showings": 1}, "break_every": 1})
+    test = make_test({**plan, "break_every": 1})
     session = f"/dscqs/api/operator/tests/{test}/sessions/a1"
     tab = make_tab(locale="de-DE")
     found: dict[str, list[str]] = {}
@@ -147,7 +147,7 @@ def test_fingers_grade_as_pointers_do(enter, make_test, operator, plan):
         fingers.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
     assert seat.page.evaluate("[scrollY, document.querySelector('main').scrollTop]") == [0, 0]
     seat.page.touchscreen.tap(*seat.middle_of("main button.main"))
-    seat.wait_for("loading")
+    seat.wait_until_sent()
     assert given(votes_of(operator, test)) == [{"A": first, "B": second}]
 
 
@@ -167,7 +167,7 @@ def test_keys_grade_as_pointers_do(enter, make_test, operator, plan):
     keys.press("ArrowUp")  # no further than 100
     keys.press("PageDown")
     seat.press_main()
-    seat.wait_for("loading")
+    seat.wait_until_sent()
     assert given(votes_of(operator, test)) == [{"A": 60.9, "B": 90.0}]
 
 

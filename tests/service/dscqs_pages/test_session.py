@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.service.dscqs.support import REFERENCE, colour_of
-from tests.service.dscqs_pages.conftest import HEIGHT, TIMING, WIDTH
+from tests.service.dscqs_pages.conftest import HEIGHT, LONG, TIMING, WIDTH
 
 EXPORT = "/dscqs/api/operator/tests/{}/export?format={}"
 
@@ -41,6 +41,14 @@ def given(votes: list[dict[str, str]]) -> list[dict[str, float]]:
     return found
 
 
+def sides_of(vote: dict[str, str]) -> list[list[int]]:
+    """The colours of A and B."""
+    tested, reference = (
+        list(colour_of(vote["content"], name)) for name in (vote["condition"], REFERENCE)
+    )
+    return [reference, tested] if vote["reference_side"] == "A" else [tested, reference]
+
+
 def test_a_whole_session(enter, make_test, operator, plan):
     plan = {
         **plan, "break_every": 3, "break_s": 0, "training": ["lawn/sr"],
@@ -66,11 +74,7 @@ def test_a_whole_session(enter, make_test, operator, plan):
     assert [vote["kind"] for vote in votes] == ["training", "dummy", *["test"] * 4]
     assert given(votes) == seat.clicked
     for vote, drawn in zip(votes, seat.drawn, strict=True):
-        tested, reference = (
-            list(colour_of(vote["content"], name)) for name in (vote["condition"], REFERENCE)
-        )
-        sides = [reference, tested] if vote["reference_side"] == "A" else [tested, reference]
-        assert [item["rgb"] for item in drawn if item["stereo"]] == 2 * sides
+        assert [item["rgb"] for item in drawn if item["stereo"]] == sides_of(vote)
     (session,) = document_of(operator, test)["sessions"]
     forms = session["forms"]
     assert forms["screening"]["colour"] == {"by": "nobody"}
@@ -79,7 +83,7 @@ def test_a_whole_session(enter, make_test, operator, plan):
 
 
 def test_what_the_page_says_of_time_is_what_was_drawn(enter, make_test, operator, plan):
-    test = make_test({**plan, "timing": {**TIMING, "show_s": 0.7}})
+    test = make_test({**plan, "timing": {**TIMING, "show_s": 0.7, "showings": 2}})
     seat = enter(test)
     seat.come_to_vote()
     shown = logs_of(operator, test)[-1]
@@ -97,7 +101,11 @@ def test_what_the_page_says_of_time_is_what_was_drawn(enter, make_test, operator
         lasted = item["to_ms"] - item["from_ms"]
         assert lasted == pytest.approx(item["planned_ms"], abs=late)
         if following:
-            assert drawn[index + 1] - drawn[index] == pytest.approx(lasted, abs=late + 100)
+            assert drawn[index + 1] - drawn[index] == pytest.approx(lasted, abs=late)
+    seat.vote(60, 40)
+    seat.wait_until_sent()
+    (vote,) = votes_of(operator, test)
+    assert [item["rgb"] for item in seat.drawn[0] if item["stereo"]] == 2 * sides_of(vote)
 
 
 def test_reload_at_every_step_resumes_there(enter, make_test, operator, plan):
@@ -124,7 +132,7 @@ def test_reload_at_every_step_resumes_there(enter, make_test, operator, plan):
         seat.reload()
         seat.wait_for("ready")
         seat.press_main()
-        seat.page.wait_for_selector("[data-showing=yes]", state="attached")
+        seat.wait_until_drawn(1)
         seat.reload()  # in the middle of the showing
         seat.come_to_vote()
         seat.grade(0, 70)
@@ -205,12 +213,11 @@ def test_a_vote_that_was_being_sent_survives_a_reload(enter, make_test, operator
     ],
 )
 def test_a_disturbed_showing_is_offered_again(enter, make_test, operator, plan, disturb, kind):
-    test = make_test({**plan, "timing": {**TIMING, "show_s": 2}})
+    test = make_test({**plan, "timing": LONG})
     seat = enter(test)
     seat.wait_for("ready")
     seat.press_main()
-    seat.page.wait_for_selector("[data-showing=yes]", state="attached")
-    seat.wait_until_drawn(3)
+    seat.wait_until_drawn(2)
     seat.page.evaluate(disturb)
     seat.wait_for("failed")
     (log,) = logs_of(operator, test)
@@ -219,7 +226,7 @@ def test_a_disturbed_showing_is_offered_again(enter, make_test, operator, plan, 
     seat.press_main()
     seat.come_to_vote()
     seat.vote(50, 50)
-    seat.wait_for("loading")
+    seat.wait_until_sent()
     (vote,) = votes_of(operator, test)
     assert vote["failed_showings"] == "1"
 
@@ -272,11 +279,12 @@ def test_free_switching_needs_both_and_may_look_again(enter, make_test, operator
     seat.wait_for("vote")
     (log,) = logs_of(operator, test)
     assert [item["what"] for item in log["log"]["intervals"]] == ["A", "B", "A"]
+    seen = seat.page.evaluate("window.drawn.length")
     seat.page.click("button:has-text('Look again')")
-    seat.page.wait_for_selector("[data-showing=yes]", state="attached")
+    seat.wait_until_drawn(seen + 1)
     seat.page.keyboard.press("b")
     seat.page.keyboard.press("Enter")
     seat.wait_for("vote")
     seat.vote(66, 44)
-    seat.wait_for("loading")
+    seat.wait_until_sent()
     assert given(votes_of(operator, test)) == seat.clicked

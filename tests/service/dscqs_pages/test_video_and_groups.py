@@ -51,12 +51,12 @@ def test_every_frame_of_a_video_is_shown_in_its_order(enter, make_test, operator
     test = make_test({
         **plan, "kind": "video", "folder": "clips", "dummies": 0,
         "stimuli": {key: key.replace("/", "-") + ".webm" for key in clips},
-        "timing": {**TIMING, "show_s": COUNT / RATE, "showings": 1},
+        "timing": {**TIMING, "show_s": COUNT / RATE},
     })  # fmt: skip
     seat = enter(test)
     seat.come_to_vote()
     seat.vote(70, 60)
-    seat.wait_for("loading")
+    seat.wait_until_sent()
     (vote,) = votes_of(operator, test)
     shown = logs_of(operator, test)[-1]["log"]
     names = [REFERENCE, vote["condition"]]
@@ -70,7 +70,7 @@ def test_every_frame_of_a_video_is_shown_in_its_order(enter, make_test, operator
 
 
 def test_a_group_votes_on_telephones(make_tab, make_test, operator, plan, served, desk):
-    test = make_test({**plan, "dummies": 0, "timing": {**TIMING, "showings": 1}})
+    test = make_test({**plan, "dummies": 0})
     asked = {"display": desk, "language": "en", "assessors": ["g1", "g2"]}
     links = operator.http.post(f"/dscqs/api/operator/tests/{test}/groups", json=asked).json()
     screen = make_tab().open(served.url + links["screen"])
@@ -85,12 +85,13 @@ def test_a_group_votes_on_telephones(make_tab, make_test, operator, plan, served
         while screen.wait_for("ready", "failed", "group-vote") != "group-vote":
             screen.press_main()
         assert problems(screen.page) == []
+        screen.page.evaluate("document.querySelector('main h1').id = 'past'")
         for number, phone in enumerate(phones):
             phone.wait_for("vote")
             assert problems(phone.page) == []
             phone.vote(80 - 10 * number, 20 + 10 * index)
             phone.wait_for("phone-wait", "vote")
-        screen.page.wait_for_selector("main[data-page=loading]", state="attached")
+        screen.page.wait_for_selector("main:not(:has(#past))", state="attached")
     votes = votes_of(operator, test)
     for name, phone in zip(("g1", "g2"), phones, strict=True):
         assert given([vote for vote in votes if vote["assessor"] == name]) == phone.clicked
