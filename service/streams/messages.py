@@ -36,8 +36,7 @@ class OutputHeader:
     sequence: int
     """Grows by one with each message of this key; what is missing was lost on the way."""
     run: int
-    """Which worker made it: grows by one when the worker is started anew; sequences then begin
-    at 0."""
+    """Which worker made it: grows by one when the worker is started anew; sequences go on."""
     frame_index: int
     """Of the source."""
     position: int

@@ -19,6 +19,7 @@ from service.bus import keys
 from service.bus.bus import H264, JPEG, Answer, Bus, Question
 from service.bus.keys import Output
 from service.streams.messages import OutputHeader
+from service.streams.sequences import Sequences
 
 KEY_INTERVAL = 1.0
 """A key frame at least this often, seconds."""
@@ -68,6 +69,8 @@ class Outlets:
     stream : str
     run : int
         Which worker this is, for the headers.
+    sequences : Sequences
+        Numbers of the messages.
     fps : Fraction
         Of the source.
     quality, jpeg_quality : int
@@ -83,6 +86,7 @@ class Outlets:
         stream: str,
         *,
         run: int,
+        sequences: Sequences,
         fps: Fraction,
         quality: int,
         jpeg_quality: int,
@@ -98,7 +102,7 @@ class Outlets:
         self._shape: tuple[int, ...] = ()
         self._last_key = self._last_still = -1e9
         self._lock = threading.Lock()
-        self._sequences = dict.fromkeys(Output, 0)
+        self._sequences = sequences
         self._group: deque[tuple[OutputHeader, bytes]] = deque()
         self._eyes: FinishedFrame | None = None
         self._publishers = {
@@ -195,11 +199,9 @@ class Outlets:
     def _header(
         self, which: Output, frame: FinishedFrame, size: tuple[int, int], *, key: bool = True
     ) -> OutputHeader:
-        sequence = self._sequences[which]
-        self._sequences[which] += 1
         layouts = {Output.LEFT: "left", Output.RIGHT: "right"}
         return OutputHeader(
-            sequence=sequence,
+            sequence=self._sequences.take(which),
             run=self._run,
             frame_index=frame.frame_index,
             position=frame.position,
@@ -242,7 +244,7 @@ class Outlets:
             shown = pack(frame.left, frame.right, StereoLayout.SBS, multiple=2)
         header = replace(
             group[-1][0],
-            sequence=max(0, self._sequences[which] - 1),
+            sequence=self._sequences.last(which),
             width=shown.shape[1],
             height=shown.shape[0],
             layout={Output.LEFT: "left", Output.RIGHT: "right"}.get(which, "sbs"),

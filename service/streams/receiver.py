@@ -112,11 +112,10 @@ class Receiver:
             return None
         last = self._last
         is_new_run = last is not None and said["run"] != last.run
-        missed = 0
-        if last is not None and not is_new_run:
-            missed = said["sequence"] - last.sequence - 1
-            if missed < 0:
-                return None  # we have it from the answer to our question
+        missed = 0 if last is None else said["sequence"] - last.sequence - 1
+        if missed < 0 and not is_new_run:
+            return None  # we have it from the answer to our question
+        missed = max(0, missed)
         self.missed += missed
         if self._which is Output.SBS and (missed or is_new_run):
             self._needs_key = True

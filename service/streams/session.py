@@ -35,6 +35,7 @@ from service.streams.intake import Intake
 from service.streams.latency import Latency, Rate
 from service.streams.options import Rule, StreamOptions
 from service.streams.outlets import FinishedFrame, Outlets
+from service.streams.sequences import Sequences
 
 log = logging.getLogger(__name__)
 
@@ -91,6 +92,8 @@ class StreamSession:
     limits : Limits
     run : int
         Which worker of this stream this is, from 1.
+    sequences : Sequences, optional
+        Numbers of its messages; from 0 unless they go on.
     to_service : callable
         Takes (kind, bytes) for browsers.
     on_status : callable
@@ -109,6 +112,7 @@ class StreamSession:
         options: StreamOptions,
         limits: Limits,
         run: int = 1,
+        sequences: Sequences | None = None,
         to_service: Callable[[str, bytes], None] = lambda kind, data: None,
         on_status: Callable[[dict[str, Any]], None] = lambda status: None,
         clock: Callable[[], float] = time.monotonic,
@@ -138,6 +142,7 @@ class StreamSession:
             bus,
             stream,
             run=run,
+            sequences=sequences or Sequences(run=run),
             fps=manifest.fps,
             quality=options.quality,
             jpeg_quality=options.jpeg_quality,

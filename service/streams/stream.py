@@ -78,7 +78,6 @@ class KeptStreams:
             "settings": item.settings,
             "options": item.options,
             "created": item.created,
-            "run": item.run,
             "stopped": item.state is State.STOPPED,
             "manifest": None if item.manifest is None else item.manifest.content,
         }
@@ -99,6 +98,10 @@ class KeptStreams:
                 log.warning("a kept stream cannot be read: %s: %s", path.name, error)
         return found
 
+    def sequences(self, stream: str) -> Path:
+        """Return the file of the numbers of a stream's messages; it outlives the stream."""
+        return self._folder / f"{stream}.sequences"
+
     def _path(self, stream: str) -> Path:
         return self._folder / f"{stream}.json"
 
@@ -113,7 +116,6 @@ def _stream(said: dict[str, Any]) -> Stream:
         settings=dict(said["settings"]),
         options=dict(said["options"]),
         created=float(said["created"]),
-        run=int(said["run"]),
         state=State.STOPPED if said["stopped"] else State.WAITING,
         manifest=None if manifest is None else live_manifest(manifest),
     )

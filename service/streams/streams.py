@@ -31,6 +31,7 @@ from service.live.broadcast import Broadcasts
 from service.streams.door import PrivateFolder
 from service.streams.options import StreamOptions
 from service.streams.process import StreamProcess
+from service.streams.sequences import last_run
 from service.streams.states import Action, State
 from service.streams.stream import MAX_LOSSES, KeptStreams, Stream
 from service.streams.worker import StreamOrder
@@ -409,7 +410,8 @@ class Streams:
 
     def _spawn(self, item: Stream) -> None:
         assert item.manifest is not None
-        item.run += 1
+        sequences = self._kept.sequences(item.id)
+        item.run = max(item.run, last_run(sequences)) + 1
         item.status = {}
         order = StreamOrder(
             stream=item.id,
@@ -419,6 +421,7 @@ class Streams:
             options=item.options,
             bus=_plain(self._workers_bus()),
             pictures=-1,
+            sequences=str(sequences),
             memory=self.config.worker_memory * MIB,
             max_pixels=self.config.max_pixels,
             max_payload=self.config.max_payload * MIB,

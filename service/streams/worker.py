@@ -41,6 +41,8 @@ class StreamOrder:
     """Fields of :class:`service.bus.config.BusConfig`; paths as text."""
     pictures: int
     """File descriptor of the pipe for browsers."""
+    sequences: str
+    """File of the numbers of its messages."""
     memory: int = 0
     """Address space, bytes; 0 is no limit."""
     max_pixels: int = 1 << 25
@@ -78,6 +80,7 @@ def _work(order: StreamOrder, voice: Voice) -> None:
     from pipeline.threads import set_threads
     from service.bus.zenoh_bus import ZenohBus
     from service.streams.options import StreamOptions
+    from service.streams.sequences import Sequences
     from service.streams.session import Limits, StreamSession
 
     settings = Settings(**order.settings)
@@ -96,6 +99,7 @@ def _work(order: StreamOrder, voice: Voice) -> None:
                 max_rate=order.max_rate,
             ),
             run=order.run,
+            sequences=Sequences(Path(order.sequences), run=order.run),
             to_service=pictures.send,
             on_status=lambda status: voice.say("status", status=status),
         )

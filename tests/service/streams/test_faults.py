@@ -195,6 +195,26 @@ def test_a_killed_worker_is_replaced_and_the_gap_is_seen(stage, tmp_path):
     assert "depthsr_stream_workers_lost_total 1.0" in text
 
 
+def test_a_killed_service_goes_on_where_its_subscribers_are(stage):
+    """Sequences go on, so that nobody takes what is new for what it has."""
+    numbers = []
+    with stage.bus() as bus:
+
+        def hear(sample):
+            said = json.loads(sample.attachment)
+            numbers.append((said["run"], said["sequence"]))
+
+        bus.subscribe(keys.output("tiny", Output.SBS), hear)
+        until(lambda: len(numbers) >= 3)
+        run = numbers[-1][0]
+        stage.service.end(signal.SIGKILL)
+        stage.service.start()
+        until(lambda: numbers[-1][0] > run)
+    assert numbers == sorted(set(numbers))
+    sequences = [sequence for _, sequence in numbers]
+    assert sequences == sorted(set(sequences))
+
+
 def test_stopped_over_http_it_stays_stopped_until_it_is_made_again(stage):
     url = f"{stage.service.url}/api/v1/streams"
     assert httpx.post(f"{url}/tiny/stop", timeout=30).json()["state"] == "stopped"
@@ -203,7 +223,7 @@ def test_stopped_over_http_it_stays_stopped_until_it_is_made_again(stage):
     assert stage.state("tiny") == "stopped"
     made = httpx.post(url, json={"id": "tiny", "options": {"quality": 30}}, timeout=30)
     assert made.status_code == 201, made.text
-    assert made.json()["run"] == 2
+    assert made.json()["run"] == 3
     until(lambda: stage.state("tiny") == "live")
     assert httpx.post(url, json={"id": "tiny"}, timeout=30).status_code == 409
     assert httpx.post(url, json={"id": "more"}, timeout=30).status_code == 429
