@@ -1,4 +1,4 @@
-"""The subcommands of the service: ``serve``, ``submit``, ``settings``."""
+"""The subcommands of the service: ``serve``, ``submit``, ``export``, ``settings``."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ import os
 import sys
 import uuid
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from service.console import EXIT_DONE, EXIT_FAILURE
 from service.terminal import say
+
+if TYPE_CHECKING:
+    from service.client import Client
 
 
 def add_serve(commands: Any) -> None:
@@ -42,13 +45,7 @@ def add_serve(commands: Any) -> None:
         description="Send a scene to a service; watch the job; fetch the result.",
     )
     submit.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
-    submit.add_argument(
-        "--server", default="http://127.0.0.1:8000", metavar="URL",
-        help="address of the service (default: http://127.0.0.1:8000)",
-    )  # fmt: skip
-    submit.add_argument(
-        "--token", metavar="TOKEN", help="bearer token (default: what DEPTHSR_TOKEN says)"
-    )
+    _add_server(submit)
     submit.add_argument(
         "--by-path", action="store_true", help="name the scene under a root instead of sending it"
     )
@@ -64,6 +61,33 @@ def add_serve(commands: Any) -> None:
     add_options(submit.add_argument_group("output"), OutputOptions, leave_out=OURS)
     add_options(submit.add_argument_group("method"), Settings)
     submit.set_defaults(command=_run_submit)
+
+    export = commands.add_parser(
+        "export",
+        help="fetch what a job of a service made, in another form",
+        description="Have a finished job's result in another form, made from its lossless master; "
+        "fetch it.",
+    )
+    export.add_argument("job", metavar="JOB", help="id of the job, as submit prints it")
+    _add_server(export)
+    export.add_argument("--watch", action="store_true", help="show progress")
+    export.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", required=True,
+        help="where to write the video; a .zip is a lossless PNG of each eye and frame",
+    )  # fmt: skip
+    not_theirs = (*OURS, "view_at", "segment_length")
+    add_options(export.add_argument_group("output"), OutputOptions, leave_out=not_theirs)
+    export.set_defaults(command=_run_export)
+
+
+def _add_server(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--server", default="http://127.0.0.1:8000", metavar="URL",
+        help="address of the service (default: http://127.0.0.1:8000)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--token", metavar="TOKEN", help="bearer token (default: what DEPTHSR_TOKEN says)"
+    )
 
 
 def _add_config(parser: argparse.ArgumentParser) -> None:
@@ -109,7 +133,7 @@ def _run_submit(arguments: argparse.Namespace) -> int:
 
     from pipeline.config import Settings
     from pipeline.job import InputOptions, OutputOptions
-    from service.client import Client, ServiceError, scene_files
+    from service.client import ServiceError, scene_files
     from service.options import collect
 
     output = collect(arguments, OutputOptions)
@@ -126,9 +150,8 @@ def _run_submit(arguments: argparse.Namespace) -> int:
         "output": output,
         "priority": arguments.priority,
     }
-    token = arguments.token or os.environ.get("DEPTHSR_TOKEN")
     key = uuid.uuid4().hex
-    with Client(arguments.server, token=token) as client:
+    with _client(arguments) as client:
         if arguments.by_path:
             job = client.submit({**request, "scene": str(arguments.scene)}, key=key)
         else:
@@ -140,19 +163,63 @@ def _run_submit(arguments: argparse.Namespace) -> int:
         sys.stdout.flush()
         if not arguments.watch and arguments.output is None:
             return EXIT_DONE
-        for event in client.events(job.id):
-            if arguments.watch:
-                sys.stderr.write(_line(event.kind, event.data) + "\n")
-        job = client.job(job.id)
-        if job.state != "succeeded":
-            said = (job.problem or {}).get("detail", job.state)
-            sys.stderr.write(f"depthsr: error: job {job.id} {job.state}: {said}\n")
+        if not _succeeds(client, job.id, arguments.watch):
             return EXIT_FAILURE
-        for result in client.results(job.id):
-            if arguments.output is not None and result.media_type.startswith("video/"):
-                client.download(result, arguments.output)
-                sys.stdout.write(f"wrote {arguments.output}: {result.size} bytes\n")
+        if arguments.output is not None:
+            _fetch_video(client, job.id, arguments.output)
     return EXIT_DONE
+
+
+def _run_export(arguments: argparse.Namespace) -> int:
+    from pipeline.job import OutputOptions
+    from service.options import collect
+
+    form = collect(arguments, OutputOptions)
+    form.pop("output", None)
+    ending = arguments.output.suffix.lower().removeprefix(".")
+    is_pictures = ending == "zip"
+    form |= {"video": False, "frames": True} if is_pictures else {"container": ending}
+    with _client(arguments) as client:
+        job = client.export(arguments.job, form)
+        if not _succeeds(client, job.id, arguments.watch):
+            return EXIT_FAILURE
+        if is_pictures:
+            client.download_archive(job.id, arguments.output)
+            _say_written(arguments.output)
+        else:
+            _fetch_video(client, job.id, arguments.output)
+    return EXIT_DONE
+
+
+def _client(arguments: argparse.Namespace) -> Client:
+    from service.client import Client
+
+    token = arguments.token or os.environ.get("DEPTHSR_TOKEN")
+    return Client(arguments.server, token=token)
+
+
+def _succeeds(client: Client, job_id: str, watch: bool) -> bool:
+    """Wait for the end of a job; say what became of it where it did not succeed."""
+    for event in client.events(job_id):
+        if watch:
+            sys.stderr.write(_line(event.kind, event.data) + "\n")
+    job = client.job(job_id)
+    if job.state == "succeeded":
+        return True
+    said = (job.problem or {}).get("detail", job.state)
+    sys.stderr.write(f"depthsr: error: job {job.id} {job.state}: {said}\n")
+    return False
+
+
+def _fetch_video(client: Client, job_id: str, target: Path) -> None:
+    for result in client.results(job_id):
+        if result.media_type.startswith("video/"):
+            client.download(result, target)
+            _say_written(target)
+
+
+def _say_written(target: Path) -> None:
+    sys.stdout.write(f"wrote {target}: {target.stat().st_size} bytes\n")
 
 
 def _line(kind: str, data: Any) -> str:

@@ -134,6 +134,11 @@ class Client:
         """Forget a finished job and its files."""
         self._ask("DELETE", f"/api/v1/jobs/{job_id}")
 
+    def export(self, job_id: str, form: Mapping[str, Any]) -> RemoteJob:
+        """Have what a finished job made in another form; it is a job of its own."""
+        answer = self._ask("POST", f"/api/v1/jobs/{job_id}/exports", json=dict(form))
+        return _job(answer.json())
+
     def events(
         self, job_id: str, *, after: int = 0, patience: float = 60.0
     ) -> Iterator[RemoteEvent]:
@@ -172,9 +177,16 @@ class Client:
 
     def download(self, result: RemoteResult, target: Path) -> None:
         """Fetch a result; the target appears whole or not at all."""
+        self._fetch(result.url, target)
+
+    def download_archive(self, job_id: str, target: Path) -> None:
+        """Fetch all results of a job as one ZIP; the target appears whole or not at all."""
+        self._fetch(f"/api/v1/jobs/{job_id}/archive", target)
+
+    def _fetch(self, where: str, target: Path) -> None:
         half = target.with_name(f".{target.name}.{os.getpid()}.tmp")
         try:
-            with self._http.stream("GET", result.url) as stream, half.open("wb") as file:
+            with self._http.stream("GET", where) as stream, half.open("wb") as file:
                 if stream.status_code != 200:
                     stream.read()
                     raise _refused(stream)
@@ -182,7 +194,7 @@ class Client:
                     file.write(chunk)
             half.replace(target)
         except httpx.TransportError as error:
-            raise ServiceError(f"{result.name}: the connection was lost: {error}") from error
+            raise ServiceError(f"{target.name}: the connection was lost: {error}") from error
         finally:
             half.unlink(missing_ok=True)
 

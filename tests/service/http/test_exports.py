@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import io
 import zipfile
+from contextlib import closing
 
 import httpx
 import pytest
 
+from pipeline.media.decode import VideoReader
+from service.cli import main
 from tests.service.http.test_api import follow, is_problem
 
 BODY = {"scene": "tiny", "input": {"frames": ":2"}, "output": {"segment_length": 1}}
@@ -59,6 +62,23 @@ def test_a_finished_job_is_exported_in_other_forms(api):
     is_problem(api.post(f"/api/v1/jobs/{made[0]}/exports", json={}), 409, "conflict")
     assert api.delete(f"/api/v1/jobs/{job}").status_code == 204
     assert _names(api, made[0]) == {"tiny_3D_HSBS_LR.mp4"}
+
+
+def test_the_command_fetches_a_form_of_a_finished_job(api, live_service, tmp_path, capsys):
+    body = {**BODY, "input": {"frames": ":1"}}
+    job = api.post("/api/v1/jobs", json=body).json()["id"]
+    follow(api, job)
+    server = ("--server", live_service.url)
+    video, pictures = tmp_path / "tv.mp4", tmp_path / "pictures.zip"
+    assert main(["export", job, *server, "-o", str(video), "--layout", "half-sbs"]) == 0
+    with closing(VideoReader(video)) as read:
+        assert (read.num_frames, read.picture(0).luma.shape) == (1, (72, 96))
+    assert main(["export", job, *server, "-o", str(pictures)]) == 0
+    with zipfile.ZipFile(pictures) as archive:
+        assert archive.namelist() == ["frames/left-000000.png", "frames/right-000000.png"]
+    assert capsys.readouterr().out.count("wrote ") == 2
+    assert main(["export", job, *server, "-o", "tv.avi"]) == 1
+    assert "container" in capsys.readouterr().err
 
 
 def test_forms_asked_for_at_the_start_come_with_the_results(api):
