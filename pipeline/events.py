@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,3 +73,5 @@ class JobFinished(Event):
     """Everything is written."""
 
     seconds: float
+    timings: Mapping[str, float] = field(default_factory=dict)
+    """Seconds of each stage, added up over the frames."""

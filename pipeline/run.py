@@ -183,7 +183,7 @@ def run_job(
             if job.output.report is not None:
                 write_atomic(job.output.report, strict_json(report).encode())
             folder.remove()
-    tell(JobFinished(seconds=facts["seconds"]))
+    tell(JobFinished(seconds=facts["seconds"], timings=report["timings"]))
     written += [path for path in (job.output.report, job.output.debug_dir) if path is not None]
     return RunSummary(
         written=tuple(written),

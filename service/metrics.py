@@ -31,6 +31,10 @@ class Metrics:
         self.frames = Counter("depthsr_frames", "Frames super-resolved", registry=self.registry)
         self.segments = Counter("depthsr_segments", "Segments finished", registry=self.registry)
         self.warnings = Counter("depthsr_warnings", "Warnings of jobs", registry=self.registry)
+        self.stages = Counter(
+            "depthsr_stage_seconds", "Seconds in each stage of finished jobs", ["stage"],
+            registry=self.registry,
+        )  # fmt: skip
         self.free = Gauge("depthsr_disk_free_bytes", "Space left", registry=self.registry)
 
     def watch(self, store: Store, scheduler: Scheduler) -> None:
@@ -48,6 +52,9 @@ class Metrics:
         }  # fmt: skip
         if kind in counters:
             counters[kind].inc()
+        if kind == "JobFinished":
+            for stage, seconds in data["timings"].items():
+                self.stages.labels(stage).inc(seconds)
 
     def text(self) -> bytes:
         """Return the page that Prometheus reads."""

@@ -129,6 +129,7 @@ def test_all_frames_come_out_in_order_and_the_work_folder_is_gone(tmp_path):
     ]  # fmt: skip
     assert summary.frames == summary.frames_computed == 5
     assert [type(event) for event in (events[0], events[-1])] == [JobStarted, JobFinished]
+    assert events[-1].timings == summary.report["timings"]
     finished = [event.frame_index for event in events if isinstance(event, FrameFinished)]
     assert finished == [5, 6, 7, 8, 9]
     assert [event.index for event in events if isinstance(event, SegmentFinished)] == [0, 1, 2]

@@ -314,6 +314,7 @@ def test_health_metrics_and_headers(api, done):
     numbers = api.get("/metrics").text
     assert 'depthsr_jobs{state="succeeded"}' in numbers
     assert "depthsr_frames_total" in numbers
+    assert 'depthsr_stage_seconds_total{stage="encode"}' in numbers
     headers = api.get("/api/v1/jobs").headers
     assert headers["x-content-type-options"] == "nosniff"
     assert "default-src 'self'" in headers["content-security-policy"]
