@@ -5,6 +5,7 @@ import threading
 import pytest
 
 from pipeline.channel import Ahead, Channel, ChannelClosedError
+from tests.support.waiting import PATIENCE
 
 
 def _in_thread(function) -> threading.Thread:
@@ -28,7 +29,7 @@ def test_items_arrive_in_order_and_the_producer_is_paced():
     for item in channel:
         assert len(waiting) <= item + 4  # two wait, one is in the hand, one is being put
         taken.append(item)
-    thread.join(5)
+    thread.join(PATIENCE)
     assert taken == list(range(50))
 
 
@@ -54,7 +55,7 @@ def test_closing_frees_a_producer_that_waits():
     thread = _in_thread(produce)
     channel.close()
     channel.close()
-    thread.join(5)
+    thread.join(PATIENCE)
     assert ended == [True]
     assert list(channel) == []
 
@@ -70,7 +71,7 @@ def test_closing_frees_a_consumer_that_waits():
 
     thread = _in_thread(consume)
     channel.close()
-    thread.join(5)
+    thread.join(PATIENCE)
     assert ended == [True]
 
 

@@ -15,6 +15,7 @@ from pipeline.colour import to_grey, to_rgb
 from pipeline.errors import SceneError
 from pipeline.media.decode import VideoReader
 from pipeline.media.source import open_scene
+from tests.support.waiting import PATIENCE
 
 RATE = Fraction(30000, 1001)
 HEIGHT, WIDTH, NUM_FRAMES = 34, 62, 22
@@ -202,7 +203,7 @@ def test_another_thread_may_read(tmp_path):
     found = []
     thread = threading.Thread(target=lambda: found.append(reader.picture(9).luma))
     thread.start()
-    thread.join(timeout=20)
+    thread.join(PATIENCE)
     np.testing.assert_array_equal(found[0], expected)
 
 

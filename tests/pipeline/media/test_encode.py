@@ -616,7 +616,7 @@ def test_killed_in_the_middle_nothing_has_the_final_name(tmp_path, stage):
     ) as writer:  # fmt: skip
         assert writer.stdout.readline() == "in the middle\n"
         writer.send_signal(signal.SIGKILL)
-        writer.wait(timeout=30)
+        writer.wait(60)
 
     left = [path.name for path in tmp_path.iterdir() if path.name != "s.mkv"]
     assert len(left) == 1

@@ -108,7 +108,7 @@ def test_a_killed_writer_leaves_nothing_under_the_final_name(tmp_path):
     ) as writer:
         assert writer.stdout.readline() == "written\n"
         writer.send_signal(signal.SIGKILL)
-        writer.wait(timeout=30)
+        writer.wait(60)
 
     assert not final.exists()
     assert len(names(tmp_path)) == 1

@@ -15,6 +15,7 @@ import pytest
 from pipeline.colour import to_grey, to_rgb
 from pipeline.errors import ConfigurationError, SceneError
 from pipeline.media.source import MemorySource, open_scene
+from tests.support.waiting import PATIENCE
 
 
 def edit(folder, change) -> None:
@@ -336,7 +337,7 @@ def test_several_threads_may_read(write_scene):
         barrier = threading.Barrier(3)
 
         def read(index: int) -> np.ndarray:
-            barrier.wait(timeout=10)
+            barrier.wait(PATIENCE)
             return source.read(index).views[0].luma
 
         with ThreadPoolExecutor(3) as pool:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -12,17 +10,7 @@ from service.bus.bus import JPEG, JSON, Answer, Bus, BusError
 from service.bus.config import BusConfig
 from service.bus.memory import MemoryNetwork
 from service.bus.zenoh_bus import ZenohBus
-
-PATIENCE = 20.0
-
-
-def until(check: Callable[[], object]) -> None:
-    """Wait until something is so."""
-    deadline = time.monotonic() + PATIENCE
-    pause = threading.Event()
-    while not check():
-        assert time.monotonic() < deadline, "it never came about"
-        pause.wait(0.02)
+from tests.support.waiting import until
 
 
 @pytest.fixture(params=["memory", "zenoh"])

@@ -16,6 +16,7 @@ from service.http import guards
 from service.http.guards import Guards
 from service.http.problems import ProblemError
 from service.metrics import Metrics
+from tests.support.waiting import PATIENCE
 
 SLOW = 200
 TUS = {"Tus-Resumable": "1.0.0"}
@@ -28,7 +29,7 @@ def open_line(live_service):
     lines = []
 
     def connect() -> socket.socket:
-        lines.append(socket.create_connection((there.hostname, there.port), timeout=30))
+        lines.append(socket.create_connection((there.hostname, there.port), timeout=PATIENCE))
         return lines[-1]
 
     yield connect
@@ -51,7 +52,7 @@ def test_an_upload_that_is_cut_off_goes_on_where_it_was(live_service, open_line)
         )
         line.sendall(head.encode() + data[:300_000])
         line.close()
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + PATIENCE
         kept = -1
         while time.monotonic() < deadline:  # until the service has seen the end of the line
             answer = api.head(made)

@@ -25,6 +25,7 @@ from service.app import create_app
 from service.config import ServiceConfig
 from service.live.fragments import Fragment, Init, Splitter
 from tests.service.http.test_api import follow, is_problem
+from tests.support.waiting import PATIENCE, until
 
 FPS = Fraction(15)
 TOKENS = """
@@ -96,7 +97,7 @@ def test_stills_of_a_finished_job_run_through_and_end(api, done):
 
 def test_nothing_to_watch_yet(make_service, tiny_scene):
     service = make_service("--workers", "0", "--roots", str(tiny_scene.parent))
-    with httpx.Client(base_url=service.url) as api:
+    with httpx.Client(base_url=service.url, timeout=PATIENCE) as api:
         job = api.post("/api/v1/jobs", json={"scene": "tiny"}).json()["id"]
         where = f"/api/v1/jobs/{job}/watch"
         assert api.get(where).json()["state"] == "waiting"
@@ -122,7 +123,7 @@ class OnAir:
 
     def __enter__(self):
         self.thread.start()
-        with httpx.Client(transport=httpx.HTTPTransport(retries=9)) as client:
+        with httpx.Client(timeout=PATIENCE) as client:
             while not self.server.started:
                 assert self.thread.is_alive()
                 threading.Event().wait(0.02)
@@ -139,7 +140,7 @@ class OnAir:
         self.server.should_exit = True
         self.app.state.notices.stop()
         self.app.state.broadcasts.stop()
-        self.thread.join(30)
+        self.thread.join(PATIENCE)
         assert not self.thread.is_alive()
 
     def feed(self, count: int) -> None:
@@ -153,29 +154,29 @@ class OnAir:
 
 @pytest.fixture
 def on_air(tmp_path):
-    with OnAir(ServiceConfig(data=tmp_path / "data", workers=0)) as station:
+    with OnAir(ServiceConfig(data=tmp_path / "data", workers=0, zenoh="off")) as station:
         yield station
 
 
 def test_a_stream_at_its_live_edge(on_air):
     on_air.feed(20)
     with connect(f"ws://{on_air.address}/api/v1/streams/room/watch/result/live") as viewer:
-        head = json.loads(viewer.recv(10))
+        head = json.loads(viewer.recv(PATIENCE))
         assert head["kind"] == "init"
         assert head["codec"].startswith("avc1.")
-        data = viewer.recv(10)
-        data += b"".join(viewer.recv(10) for _ in range(4))
+        data = viewer.recv(PATIENCE)
+        data += b"".join(viewer.recv(PATIENCE) for _ in range(4))
         on_air.feed(10)
-        data += b"".join(viewer.recv(10) for _ in range(10))
+        data += b"".join(viewer.recv(PATIENCE) for _ in range(10))
         on_air.broadcast.close()
-        assert json.loads(viewer.recv(10)) == {"kind": "end"}
+        assert json.loads(viewer.recv(PATIENCE)) == {"kind": "end"}
     _, *parts = Splitter().feed(data)
     assert [part.start * 15 // 15360 for part in parts] == list(range(15, 29))
 
 
 def test_a_stream_by_hls_and_stills(on_air):
     where = "/api/v1/streams/room/watch"
-    with httpx.Client(base_url=f"http://{on_air.address}", timeout=30) as api:
+    with httpx.Client(base_url=f"http://{on_air.address}", timeout=PATIENCE) as api:
         assert api.get(where).json()["state"] == "waiting"
         on_air.feed(50)
         seen = api.get(where).json()
@@ -202,12 +203,12 @@ def test_fifty_viewers_of_whom_one_never_reads(on_air):
     on_air.picture = np.random.default_rng(1).integers(0, 256, (90, 320, 3), np.uint8)
     on_air.feed(2)
     url = f"ws://{on_air.address}/api/v1/streams/room/watch/result/live"
-    counts = []
+    counts = [0] * 49
 
-    async def view():
+    async def view(number):
         async with open_socket(url, max_queue=None) as viewer:
-            parts = [message async for message in viewer]
-            counts.append(sum(isinstance(message, bytes) for message in parts))
+            async for message in viewer:
+                counts[number] += isinstance(message, bytes)
 
     async def lazy():
         narrow = socket.socket()
@@ -221,43 +222,38 @@ def test_fifty_viewers_of_whom_one_never_reads(on_air):
         nonlocal ended
         ended = asyncio.Event()
         stalled = asyncio.create_task(lazy())
-        viewers = [asyncio.create_task(view()) for _ in range(49)]
+        viewers = [asyncio.create_task(view(number)) for number in range(49)]
         while on_air.broadcast.viewers < 50:
             await asyncio.sleep(0.05)
-        for _ in range(30):
+        for fed in range(1, 31):
             await asyncio.to_thread(on_air.feed, 1)
-            await asyncio.sleep(0.02)
+            while min(counts) < 2 + fed:
+                await asyncio.sleep(0.01)
         on_air.broadcast.close()
         await asyncio.gather(*viewers)
         ended.set()
         await stalled
 
     ended = None
-    asyncio.run(everybody())
+    asyncio.run(asyncio.wait_for(everybody(), PATIENCE))
     assert counts == [32] * 49  # an init segment and 31 fragments
-    deadline = 100
-    while on_air.broadcast.viewers and deadline:
-        threading.Event().wait(0.05)
-        deadline -= 1
-    assert on_air.broadcast.viewers == 0
+    until(lambda: on_air.broadcast.viewers == 0)
 
 
 def test_a_viewer_that_is_cut_off_is_forgotten(on_air):
     on_air.feed(3)
     with connect(f"ws://{on_air.address}/api/v1/streams/room/watch/result/live") as viewer:
-        viewer.recv(10)
+        viewer.recv(PATIENCE)
         assert on_air.broadcast.viewers == 1
         viewer.socket.shutdown(socket.SHUT_RDWR)  # no goodbye
-    deadline = 200
-    while on_air.broadcast.viewers and deadline:
-        threading.Event().wait(0.05)
-        deadline -= 1
-    assert on_air.broadcast.viewers == 0
+    until(lambda: on_air.broadcast.viewers == 0)
 
 
 def test_who_may_watch(tmp_path):
     (tmp_path / "tokens").write_text(TOKENS)
-    config = ServiceConfig(data=tmp_path / "data", workers=0, token_file=tmp_path / "tokens")
+    config = ServiceConfig(
+        data=tmp_path / "data", workers=0, zenoh="off", token_file=tmp_path / "tokens"
+    )
     with OnAir(config) as station:
         station.feed(3)
         where = "/api/v1/streams/room/watch"
@@ -276,7 +272,7 @@ def test_who_may_watch(tmp_path):
         ):  # fmt: skip
             pass
         with connect(url, additional_headers=good, origin=f"http://{station.address}") as viewer:
-            assert json.loads(viewer.recv(10))["kind"] == "init"
-        with httpx.Client(base_url=f"http://{station.address}") as api:
+            assert json.loads(viewer.recv(PATIENCE))["kind"] == "init"
+        with httpx.Client(base_url=f"http://{station.address}", timeout=PATIENCE) as api:
             is_problem(api.get(where), 401, "unauthorized")
             assert api.get(where, headers=good).json()["state"] == "live"
