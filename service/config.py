@@ -55,6 +55,9 @@ class ServiceConfig:
     max_frames: int = setting(100_000, "largest number of frames of a job", unit="frames")
     max_queue: int = setting(1000, "unfinished jobs of one client", unit="jobs")
     quota: int = setting(102_400, "largest size of the data folder", unit="MiB")
+    client_quota: int = setting(
+        0, "largest size of what one client has there (0: no limit of its own)", unit="MiB"
+    )
     disk_reserve: int = setting(256, "disk space to leave free", unit="MiB")
     grace: float = setting(5.0, "time for an orderly end", unit="seconds")
     zenoh: str = setting(
@@ -91,9 +94,9 @@ class ServiceConfig:
             "lease": (1, 3600), "stall": (1, 86400), "max_body": (1, 1 << 24),
             "max_files": (1, 1_000_000), "max_pixels": (1, 1 << 30),
             "max_frames": (1, 10_000_000), "max_queue": (1, 1_000_000),
-            "quota": (1, 1 << 30), "disk_reserve": (0, 1 << 24), "grace": (0.1, 600),
-            "max_streams": (0, 256), "max_views": (2, 256), "max_payload": (1, 1024),
-            "max_rate": (0.1, 1000),
+            "quota": (1, 1 << 30), "client_quota": (0, 1 << 30), "disk_reserve": (0, 1 << 24),
+            "grace": (0.1, 600), "max_streams": (0, 256), "max_views": (2, 256),
+            "max_payload": (1, 1024), "max_rate": (0.1, 1000),
         }  # fmt: skip
         for name, (least, most) in limits.items():
             if not least <= getattr(self, name) <= most:

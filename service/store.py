@@ -444,6 +444,14 @@ class Store:
         with self._transaction() as db:
             db.execute("DELETE FROM upload WHERE id = ?", (upload_id,))
 
+    def owned(self, client: str) -> list[str]:
+        """Return the ids of all jobs and uploads of a client."""
+        query = (
+            "SELECT id FROM job WHERE client = ?1 UNION ALL SELECT id FROM upload WHERE client = ?1"
+        )
+        with self._lock:
+            return [row[0] for row in self._db.execute(query, (client,))]
+
     # Inside
 
     def _must(self, job_id: str) -> JobRecord:

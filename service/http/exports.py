@@ -12,7 +12,7 @@ from service.http.auth import Client, require
 from service.http.files import add_heads
 from service.http.jobs import JobId, JobPage, JobView, Reader, find_job, view_of
 from service.http.problems import ProblemError, responses
-from service.http.quota import check_space
+from service.http.quota import check_queue, check_space
 from service.jobs.request import ExportForm, export_options
 from service.jobs.sinks import MASTER
 from service.jobs.states import State
@@ -40,7 +40,7 @@ FORMS = {
             "description": "Taken; Location is the address of the job that exports",
             "headers": {"Location": {"schema": {"type": "string"}}},
         },
-        **responses(400, 404, 409, 413, 422, 507),
+        **responses(400, 404, 409, 413, 422, 429, 507),
     },
 )
 def create(
@@ -62,7 +62,8 @@ def create(
     options = export_options(form, Path("results"), name)  # is it possible?
     if options.layout == "views":
         raise ProblemError("invalid", "layout: a master has the two eyes only")
-    check_space(state.config, 0)
+    check_queue(state, client)
+    check_space(state, client, 0)
     record, _ = state.store.create_job(
         job_id=uuid.uuid4().hex,
         client=client.name,

@@ -28,7 +28,7 @@ from service.http import uploads
 from service.http.auth import Client, require
 from service.http.files import add_heads, matches, send_file, tag_of, unchanged
 from service.http.problems import ProblemError, responses
-from service.http.quota import check_space
+from service.http.quota import check_queue, check_space
 from service.jobs.pictures import too_large
 from service.jobs.request import JobRequest, export_options, make_job, safe_name
 from service.jobs.states import Action, State, TransitionError
@@ -211,15 +211,8 @@ def _take(
             ) from None
         if known is not None:
             return known
-        counts = state.store.counts(client.name)
-        if sum(count for name, count in counts.items() if not name.is_final) >= (
-            state.config.max_queue
-        ):
-            raise ProblemError(
-                "too-many", f"{state.config.max_queue} jobs are unfinished",
-                headers={"Retry-After": "30"},
-            )  # fmt: skip
-        check_space(state.config, sum(item.size or 0 for item in files))
+        check_queue(state, client)
+        check_space(state, client, sum(item.size or 0 for item in files))
         job_id = uuid.uuid4().hex
         folder = job_folder(state.config.data, job_id)
         try:

@@ -88,7 +88,7 @@ def create(request: Request, client: Annotated[Client, require("submit")]) -> Re
     name = safe_name(_filename(request))
     if name is None:
         raise ProblemError("invalid", "Upload-Metadata: filename is not a plain relative name")
-    check_space(config, length)
+    check_space(request.app.state, client, length)
     record = request.app.state.store.create_upload(client.name, name, length)
     path_of(config.data, record.id).touch()
     return _answer(201, {"Location": f"/api/v1/uploads/{record.id}"})
@@ -137,7 +137,7 @@ async def append(
         at = path.stat().st_size
         if at != begin:
             raise ProblemError("conflict", f"the upload is at {at}, not at {begin}")
-        check_space(request.app.state.config, record.length - at)
+        check_space(request.app.state, client, record.length - at)
         with path.open("ab") as file:
             try:
                 async for chunk in request.stream():

@@ -1,0 +1,56 @@
+"""Who may still send something, and ask for something."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from service.config import ServiceConfig
+from service.http.auth import Client
+from service.http.problems import ProblemError
+from service.http.quota import check_queue, check_space, folder_size
+from service.jobs.states import Action
+from service.store import Store
+
+KIB = 1 << 10
+ANNA, BOB = (Client(name=name, scopes=frozenset({"submit"})) for name in ("anna", "bob"))
+
+
+@pytest.fixture
+def state(tmp_path):
+    config = ServiceConfig(data=tmp_path, client_quota=1, max_queue=1, disk_reserve=0)
+    store = Store(tmp_path)
+    yield SimpleNamespace(config=config, store=store)
+    store.close()
+
+
+def _write(path, size):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(bytes(size))
+
+
+def test_a_client_has_its_share_of_the_disk_and_no_more(state):
+    data, store = state.config.data, state.store
+    upload = store.create_upload("anna", "a.png", 300 * KIB)
+    store.create_job(job_id="1" * 32, client="anna", request={"request": {}})
+    store.create_job(job_id="2" * 32, client="bob", request={"request": {}})
+    _write(data / "uploads" / upload.id, 300 * KIB)
+    _write(data / "jobs" / ("1" * 32) / "results" / "frames" / "left.png", 600 * KIB)
+    _write(data / "jobs" / ("2" * 32) / "results" / "a.mkv", 100 * KIB)
+    check_space(state, ANNA, 124 * KIB)
+    with pytest.raises(ProblemError, match="your quota") as refused:
+        check_space(state, ANNA, 125 * KIB)
+    assert refused.value.kind == "disk-full"
+    check_space(state, BOB, 924 * KIB)
+    assert folder_size(data) >= 1000 * KIB
+
+
+def test_a_client_has_its_share_of_the_queue(state):
+    check_queue(state, ANNA)
+    state.store.create_job(job_id="1" * 32, client="anna", request={"request": {}})
+    with pytest.raises(ProblemError, match="unfinished"):
+        check_queue(state, ANNA)
+    check_queue(state, BOB)
+    state.store.act("1" * 32, Action.CANCEL)
+    check_queue(state, ANNA)
