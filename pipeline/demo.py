@@ -15,6 +15,7 @@ import numpy.typing as npt
 from pipeline import drawing
 from pipeline.baselines import bicubic, nearest
 from pipeline.colour import to_rgb
+from pipeline.compile_beside import compiling_beside
 from pipeline.config import Settings
 from pipeline.debug_pictures import choose_crops, crops_picture
 from pipeline.events import Event
@@ -140,8 +141,8 @@ def run_demo(
 
     video = folder / "side-by-side.mkv"
     on_note(f"rendering {size.num_frames} frames of {size.num_views} views")
-    with stop.breakable():
-        set_threads(threads)
+    set_threads(threads)
+    with stop.breakable(), compiling_beside():
         manifest = write_scene(
             folder / "scene", scene, num_frames=size.num_frames, noise_sigma=NOISE_SIGMA,
             sampling=settings.grid.sampling,

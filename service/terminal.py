@@ -27,9 +27,9 @@ def watching(
     arguments: argparse.Namespace,
 ) -> Iterator[tuple[StopFlag, Progress]]:
     """Show progress, and turn Ctrl-C and SIGTERM into an orderly end, while the body runs."""
+    from pipeline.compile_notice import compile_notice
     from pipeline.events import Compiling
     from pipeline.stop import StopFlag
-    from service.compile_notice import compile_notice
     from service.progress import Progress
 
     stop = StopFlag()

@@ -46,7 +46,7 @@ def weigh(
     room = np.empty(width + 2 * max(reach, reach_box), np.float32)
     line = np.empty(width, np.float32)
     t, c, floor = np.float32(tolerated), np.float32(severity), np.float32(expected)
-    next_passed = next_square = 0
+    next_passed = next_square = np.int64(0)  # typed: a literal has what it goes to compiled twice
     for y in range(height):
         while next_square < min(height, y + reach_box + 1):
             v = next_square

@@ -266,7 +266,8 @@ def fuse(
         weights = map_threads(weigh, range(len(registered)))
         system.gather(
             [
-                (*points[index], view.observed, weights[index])
+                # a writable copy, for one compilation
+                (*points[index], np.array(view.observed), weights[index])
                 for index, view in enumerate(registered)
             ]
         )

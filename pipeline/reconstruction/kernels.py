@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.rows import OPTIONS, mirror
+from pipeline.reconstruction.rows import OPTIONS, copy_row, mirror
 from pipeline.reconstruction.simd import CELL, LANES, add_nine, planes_of_eight
 
 NUM_COUPLINGS = 13
@@ -140,9 +140,9 @@ def spread_cells(cells, lo, hi, width, couplings, units, rhs):
     flat = couplings.reshape(-1)
     line = np.empty(width + LANES, np.float32)
     nothing = np.float32(0.0)
-    own = _largest(cells, 2, width)
-    below = _largest(cells, 3, width)
-    far = _largest(cells, 4, width)
+    own = below = far = nothing
+    for row in range(2, 5):
+        own, below, far = below, far, _largest(cells, row, width)
     for y in range(lo, hi):
         # no coupling exceeds both of its pixels' couplings with themselves
         largest = max(max(own, below), far)
@@ -158,7 +158,7 @@ def spread_cells(cells, lo, hi, width, couplings, units, rhs):
         to = (y + 2) * pitch + 2
         for x in range(0, width, LANES):
             planes_of_eight(cells, base + x * CELL, inverse, flat, to + x, plane, line, x)
-        rhs[y] = line[:width]
+        copy_row(line[:width], rhs[y])
 
 
 @njit(**OPTIONS)

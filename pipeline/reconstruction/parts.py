@@ -50,6 +50,16 @@ def covering_boxes(wanted: Mask) -> list[Box]:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def _set_box(box, top, bottom, left, right):
+    box[0], box[1], box[2], box[3] = top, bottom, left, right
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _copy_box(source, target):
+    _set_box(target, source[0], source[1], source[2], source[3])
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def _shrink(tiles, box):
     """Take rows and columns without a wanted tile off the sides of a box, in place; False: all."""
     top, bottom, left, right = box[1], box[0], box[3], box[2]
@@ -58,14 +68,14 @@ def _shrink(tiles, box):
             if tiles[row, column]:
                 top, bottom = min(top, row), row + 1
                 left, right = min(left, column), max(right, column + 1)
-    box[0], box[1], box[2], box[3] = top, bottom, left, right
+    _set_box(box, top, bottom, left, right)
     return bottom > top
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _cover(tiles, tile, margin, extra, found):
     """Write boxes of tiles (rows, columns, each half-open), and return how many there are."""
-    found[0] = (0, tiles.shape[0], 0, tiles.shape[1])
+    _set_box(found[0], np.int64(0), tiles.shape[0], np.int64(0), tiles.shape[1])
     if not _shrink(tiles, found[0]):
         return 0
     count, done = 1, 0
@@ -81,7 +91,7 @@ def _cover(tiles, tile, margin, extra, found):
                 cost = 0
                 for side in range(2):
                     half = halves[side]
-                    half[:] = whole
+                    _copy_box(whole, half)
                     half[2 * axis + 1 - side] = at
                     _shrink(tiles, half)
                     cost += ((half[1] - half[0]) * tile + margin) * (
@@ -89,11 +99,12 @@ def _cover(tiles, tile, margin, extra, found):
                     ) + extra
                 if cost < least:
                     least = cost
-                    best[:] = halves
+                    _copy_box(halves[0], best[0])
+                    _copy_box(halves[1], best[1])
                     cut = True
         if cut:
-            found[done] = best[0]
-            found[count] = best[1]
+            _copy_box(best[0], found[done])
+            _copy_box(best[1], found[count])
             count += 1
         else:
             done += 1
@@ -162,8 +173,9 @@ def _landing_in(position, boxes, found):
     """
     rows, columns = position.shape[:2]
     half = np.float32(0.5)
+    zero, one = np.int64(0), np.int64(1)
     for k in range(boxes.shape[0]):
-        found[k] = (rows, -1, columns, -1)
+        _set_box(found[k], rows, -one, columns, -one)
     for row in range(0, rows, 3):
         for column in range(0, columns, 3):
             x, y = position[row, column, 0], position[row, column, 1]
@@ -178,7 +190,7 @@ def _landing_in(position, boxes, found):
                     found[k, 3] = max(found[k, 3], column)
     for k in range(boxes.shape[0]):
         if found[k, 1] < 0:
-            found[k] = (0, 1, 0, 1)
+            _set_box(found[k], zero, one, zero, one)
         else:
             found[k, 0] = max(found[k, 0] - 2, 0)
             found[k, 1] = min(found[k, 1] + 3, rows)

@@ -89,8 +89,16 @@ def sample_field(coefficients, position, out):
 
 
 @njit(**_OPTIONS)
-def solve(matrix, rhs, size):
+def copy(source, target):
+    """Write numbers into as many others; assigning to a slice takes far longer to compile."""
+    for k in range(source.size):
+        target[k] = source[k]
+
+
+@njit(**_OPTIONS)
+def solve(matrix, rhs):
     """Solve the symmetric positive definite system in place by Cholesky; False if it is not."""
+    size = rhs.size
     for i in range(size):
         for j in range(i + 1):
             total = matrix[i, j]
@@ -223,7 +231,7 @@ def fit_patches(
         s = max(0.5 * max(x1 - x0, y1 - y0), 1.0)
         inverse = 1 / s
         lo, hi = ranges[p, 0], ranges[p, 1]
-        start[:] = motion[p]
+        copy(motion[p], start)
         status[p] = 1
         quality[p, 0] = np.inf
         quality[p, 1] = 0
@@ -273,7 +281,7 @@ def fit_patches(
                 lines += 1
             if count * stride * stride < min_support or 2 * count < in_support:
                 status[p] = 2
-                motion[p] = start
+                copy(start, motion[p])
                 break
             zeta = theta[12]
             # robust scale: median of |r + ζ| by histogram
@@ -391,9 +399,9 @@ def fit_patches(
                 step[num_basis + i] -= factor * (prior[p, 0, 1] * du + prior[p, 1, 1] * dv)
             matrix[size - 1, size - 1] = moments[7, 0, 0] / s2 + offset_precision
             step[size - 1] = -moments[8, 0, 0] / s2 - offset_precision * (zeta - offset_mean)
-            if not solve(matrix, step, size):
+            if not solve(matrix, step):
                 status[p] = 3
-                motion[p] = start
+                copy(start, motion[p])
                 break
             largest = 0.0
             move_u = 0.0
@@ -407,7 +415,7 @@ def fit_patches(
             largest = max(move_u, move_v)
             if not (largest < 4 * s):
                 status[p] = 4
-                motion[p] = start
+                copy(start, motion[p])
                 break
             if largest < tolerance:
                 break

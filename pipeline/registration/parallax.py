@@ -18,7 +18,7 @@ import numpy.typing as npt
 from numba import njit
 
 from pipeline.frames import Calibration
-from pipeline.registration.kernels import solve
+from pipeline.registration.kernels import copy, solve
 
 MIN_MATCHES = 8
 """Fewest matches that a fit is believed from."""
@@ -184,10 +184,8 @@ def _search(source, reference, points, radius, reach_x, reach_y, shift, score):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _reweigh(
-    basis, target, directions, along, size, floor, hold, rounds, weights, distance, solution
-):
-    """Fit the eleven-parameter model by re-weighted least squares; False where too few agree.
+def _refit(basis, target, directions, along, size, hold, weights, distance, solution):
+    """Fit the eleven-parameter model by weighted least squares; False where that is degenerate.
 
     Parameters
     ----------
@@ -197,67 +195,55 @@ def _reweigh(
         Unit vectors; distances along them are multiplied by ``along``.
     size : float
         Pixels of one unit.
-    floor : float
-        Smallest distance from which a match is left out, pixels.
     hold : (11,) float64
         Ridge.
-    weights, distance, solution : (M,), (M,), (11,) float64
-        Modified: the matches' weights, their distances in pixels, the model.
+    weights : (M,) float64
+    distance, solution : (M,), (11,) float64
+        Modified: the matches' distances in pixels, the model.
     """
     count = basis.shape[0]
-    matrix = np.empty((11, 11))
-    step = np.empty(11)
-    row = np.empty((2, 11))
-    for number in range(rounds):
-        matrix[:] = 0
-        step[:] = 0
-        for k in range(count):
-            if weights[k] <= 0:
-                continue
-            denominator = 1.0
-            for m in range(3):
-                denominator += basis[k, 1 + m] * solution[8 + m]
-            dx, dy = directions[k, 0], directions[k, 1]
-            for side in range(2):
-                nx = dx if side == 0 else -dy
-                ny = dy if side == 0 else dx
-                factor = np.sqrt(weights[k]) / denominator * (along if side == 0 else 1.0)
-                for m in range(4):
-                    row[side, m] = factor * nx * basis[k, m]
-                    row[side, 4 + m] = factor * ny * basis[k, m]
-                goal = factor * (nx * target[k, 0] + ny * target[k, 1])
-                for m in range(3):
-                    row[side, 8 + m] = -goal * basis[k, 1 + m]
-                for m in range(11):
-                    value = row[side, m]
-                    step[m] += value * goal
-                    for n in range(m + 1):
-                        matrix[m, n] += value * row[side, n]
-        for m in range(11):
-            matrix[m, m] += hold[m]
-        if not solve(matrix, step, 11):
-            return False
-        solution[:] = step
-        for k in range(count):
-            u = v = 0.0
-            denominator = 1.0
+    matrix = np.zeros((11, 11))
+    step = np.zeros(11)
+    row = np.empty(11)
+    for k in range(count):
+        if weights[k] <= 0:
+            continue
+        denominator = 1.0
+        for m in range(3):
+            denominator += basis[k, 1 + m] * solution[8 + m]
+        dx, dy = directions[k, 0], directions[k, 1]
+        for side in range(2):
+            nx = dx if side == 0 else -dy
+            ny = dy if side == 0 else dx
+            factor = np.sqrt(weights[k]) / denominator * (along if side == 0 else 1.0)
             for m in range(4):
-                u += basis[k, m] * solution[m]
-                v += basis[k, m] * solution[4 + m]
+                row[m] = factor * nx * basis[k, m]
+                row[4 + m] = factor * ny * basis[k, m]
+            goal = factor * (nx * target[k, 0] + ny * target[k, 1])
             for m in range(3):
-                denominator += basis[k, 1 + m] * solution[8 + m]
-            u = u / denominator - target[k, 0]
-            v = v / denominator - target[k, 1]
-            dx, dy = directions[k, 0], directions[k, 1]
-            distance[k] = size * np.hypot(along * (dx * u + dy * v), dx * v - dy * u)
-        sigma = max(1.4826 * np.median(distance[weights > 0]), 0.01)
-        cut = max(4.0 * sigma, floor) * (2.0 if number < rounds // 4 else 1.0)
-        left = 0
-        for k in range(count):
-            weights[k] = max(0.0, 1 - (distance[k] / cut) ** 2) ** 2
-            left += weights[k] > 0
-        if left < MIN_MATCHES:
-            return False
+                row[8 + m] = -goal * basis[k, 1 + m]
+            for m in range(11):
+                value = row[m]
+                step[m] += value * goal
+                for n in range(m + 1):
+                    matrix[m, n] += value * row[n]
+    for m in range(11):
+        matrix[m, m] += hold[m]
+    if not solve(matrix, step):
+        return False
+    copy(step, solution)
+    for k in range(count):
+        u = v = 0.0
+        denominator = 1.0
+        for m in range(4):
+            u += basis[k, m] * solution[m]
+            v += basis[k, m] * solution[4 + m]
+        for m in range(3):
+            denominator += basis[k, 1 + m] * solution[8 + m]
+        u = u / denominator - target[k, 0]
+        v = v / denominator - target[k, 1]
+        dx, dy = directions[k, 0], directions[k, 1]
+        distance[k] = size * np.hypot(along * (dx * u + dy * v), dx * v - dy * u)
     return True
 
 
@@ -385,10 +371,14 @@ def fit_parallax(
     unit = np.tile([1.0, 0.0], (count, 1)) if directions is None else directions
     solution = np.zeros(11)
     distance = np.empty(count)
-    if not _reweigh(
-        basis, target, unit, along, size, floor, hold, rounds, weights, distance, solution
-    ):
-        return None
+    for number in range(rounds):
+        if not _refit(basis, target, unit, along, size, hold, weights, distance, solution):
+            return None
+        sigma = max(1.4826 * float(np.median(distance[weights > 0])), 0.01)
+        cut = max(4.0 * sigma, floor) * (2.0 if number < rounds // 4 else 1.0)
+        weights = np.fmax(0.0, 1 - (distance / cut) ** 2) ** 2
+        if np.count_nonzero(weights) < MIN_MATCHES:
+            return None
     a, b, c = solution[:4], solution[4:8], solution[8:]
     # undo the normalisation
     to_unit = np.array(

@@ -108,7 +108,6 @@ def _cut_windows(
     part_values = np.empty(area)
     part_x = np.empty(area)
     part_y = np.empty(area)
-    plane = np.empty(3)
     lows = np.empty(MAX_PARTS)
     highs = np.empty(MAX_PARTS)
     counts = np.empty(64, np.int64)
@@ -136,14 +135,14 @@ def _cut_windows(
             highs[0] = np.inf
             k = 0
             while k < parts:
-                n = 0
+                n = np.int64(0)  # typed, or what it is handed to is compiled for a literal too
                 for i in range(count):
                     if values[i] >= lows[k] and values[i] < highs[k]:
                         part_values[n] = values[i]
                         part_x[n] = px[i]
                         part_y[n] = py[i]
                         n += 1
-                spread = _plane(part_values, part_x, part_y, n, plane) if n > 0 else 0.0
+                spread = _plane(part_values, part_x, part_y, n, planes[number]) if n > 0 else 0.0
                 if parts < MAX_PARTS and n >= 2 * min_support and spread > tolerance:
                     # Otsu's threshold of the histogram of this part
                     lo = part_values[0]
@@ -193,7 +192,6 @@ def _cut_windows(
                 windows[number, 3] = y1
                 ranges[number, 0] = lows[k]
                 ranges[number, 1] = highs[k]
-                planes[number] = plane
                 support[number] = n
                 cells[number, 0] = gx * spacing
                 cells[number, 1] = gy * spacing
@@ -245,7 +243,7 @@ def cut_windows(
     most = MAX_PARTS * grid[0] * grid[1]
     windows = np.empty((most, 4), np.int32)
     ranges = np.empty((most, 2), np.float32)
-    planes = np.empty((most, 3))
+    planes = np.zeros((most, 3))
     support = np.empty(most, np.int32)
     owners = np.full((height, width), -1, np.int32)
     cells = np.empty((most, 4), np.int32)

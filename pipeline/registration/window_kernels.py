@@ -7,6 +7,9 @@ carried over to its own motion. So no pixel is sampled twice, though windows ove
 
 The samples lie on a *sampling grid*: every q-th pixel of the view, q = stride · 2^level. All
 motions are in LR pixels whatever the level.
+
+A counter that is handed to another kernel begins as a typed zero: for a literal that kernel would
+be compiled once more.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.registration.kernels import HISTOGRAM_BINS, MAD_TO_SIGMA, TUKEY, solve
+from pipeline.registration.kernels import HISTOGRAM_BINS, MAD_TO_SIGMA, TUKEY, copy, solve
 
 OUTSIDE = np.float32(1e6)
 """Residual of a pixel that lands outside the reference, grey levels."""
@@ -198,7 +201,7 @@ def sum_cells(
         larger = max(windows[p, 2] - windows[p, 0], windows[p, 3] - windows[p, 1])
         inverse = np.float32(1 / max(0.5 * larger, 1.0))
         zeta = np.float32(motion[p, 12])
-        count = 0
+        count = np.int64(0)
         within = 0
         total = np.float32(0.0)
         for i in range((cells[p, 1] + pitch - 1) // pitch, (cells[p, 3] + pitch - 1) // pitch):
@@ -386,7 +389,7 @@ def step_windows(
         row = cell // columns
         column = cell % columns
         for p in range(first[cell], first[cell + 1]):
-            out[p] = motion[p]
+            copy(motion[p], out[p])
             moved[p] = 0
             if not due[p]:
                 continue
@@ -440,7 +443,7 @@ def step_windows(
             status[p] = 1
             if count < min_support or 2 * count < within:
                 status[p] = 2
-                out[p] = start[p]
+                copy(start[p], out[p])
                 continue
             for m in range(3):
                 factor = 1.0 if m == 0 else linear
@@ -453,9 +456,9 @@ def step_windows(
                 step[3 + m] -= factor * (prior[p, 0, 1] * u + prior[p, 1, 1] * v)
             matrix[6, 6] += offset_precision
             step[6] -= offset_precision * (theta[12] - offset_mean)
-            if not solve(matrix, step, 7):
+            if not solve(matrix, step):
                 status[p] = 3
-                out[p] = start[p]
+                copy(start[p], out[p])
                 continue
             for m in range(3):
                 out[p, m] += step[m]
@@ -467,7 +470,7 @@ def step_windows(
             )
             if not (moved[p] < 4 * size):
                 status[p] = 4
-                out[p] = start[p]
+                copy(start[p], out[p])
 
 
 @njit(**OPTIONS)
