@@ -3,6 +3,7 @@
 # make bench   the benchmark table
 # make soak    2,000 frames: memory flat, quality steady (docs/soak.md); the service under load
 # make quality the tables of quality; DEPTHSR_SCENES names the folder of the real scenes
+# make report everything that `depthsr evaluate all` measures, on the same scenes (docs/measured.md)
 # make peers   packages of other projects that `depthsr evaluate all` compares with (.peers/)
 # make lint    format and lint alone
 # make types   static types
@@ -11,7 +12,7 @@
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: demo test bench soak quality peers lint types lock system clean
+.PHONY: demo test bench soak quality report peers lint types lock system clean
 
 PYTHON ?= python3
 JOBS ?= 2
@@ -40,6 +41,13 @@ soak: $(RUN)
 
 quality: $(RUN)
 	$(BIN)/python -m benchmarks.quality
+
+# Half an hour of one core; what other projects' networks made is kept in report/peers.
+REPORT_SCENES := lytro_2067 flower cones art kitti
+
+report: $(RUN) $(PEERS)
+	$(BIN)/depthsr evaluate all $(addprefix $(DEPTHSR_SCENES)/,$(REPORT_SCENES)) sample \
+		-o report --page docs/measured.md
 
 # Beside the environment, without their dependencies: those hold another OpenCV.
 EXTRA := import tomllib; \

@@ -244,7 +244,10 @@ Measured on {today()} with `DEPTHSR_SCENES=FOLDER {command}` (`make quality`) in
 Machine: {described()}.
 
 The real scenes are no part of this repository; `DEPTHSR_SCENES` names the folder that holds
-them."""
+them.
+
+What each method, piece and setting is worth besides, beside other projects' packages, and whether
+a scene tells its PSF, is in [measured.md](measured.md)."""
     return "\n\n".join([head, *(part.as_markdown() for part in parts)]) + "\n"
 
 

@@ -97,6 +97,11 @@ def _add_all(protocols: Any) -> None:
         "-o", "--output", type=Path, required=True, metavar="FOLDER", help="folder of the report"
     )
     parser.add_argument(
+        "--page", type=Path, metavar="FILE",
+        help="Markdown page to write as well, its figures in images/ beside it: to be published, "
+        "without pictures of the scenes but those of the rendered one",
+    )  # fmt: skip
+    parser.add_argument(
         "--psf-sigmas", type=_numbers, default=Plan.psf_sigmas, metavar="N,...",
         help="σ of the PSFs of the degradation [HR pixels] (default: 1,1.7)",
     )  # fmt: skip
@@ -238,10 +243,10 @@ def _run_all(arguments: argparse.Namespace) -> int:
     from pipeline.config import Settings
     from pipeline.errors import ConfigurationError
     from pipeline.evaluation.plan import CHAPTERS, Plan
-    from pipeline.evaluation.report import Origin, evaluate_all, write_report
+    from pipeline.evaluation.report import Origin, evaluate_all, write_page, write_report
     from pipeline.evaluation.subjects import open_subject
     from pipeline.machine import described
-    from pipeline.media.files import check_folder_writable
+    from pipeline.media.files import check_folder_writable, check_writable
     from pipeline.threads import set_threads
 
     for chapter in arguments.chapters:
@@ -252,11 +257,13 @@ def _run_all(arguments: argparse.Namespace) -> int:
         noises=arguments.noises,
         num_seeds=arguments.seeds,
         chapters=arguments.chapters,
+        peers_folder=arguments.output / "peers",
     )
     settings = Settings(threads=arguments.threads)
     set_threads(settings.threads)
     check_folder_writable(arguments.output)
-    begin = time.perf_counter()
+    if arguments.page is not None:
+        check_writable(arguments.page)
     with watching(arguments) as (stop, progress), stop.breakable():
         subjects = [(name, open_subject(name, settings)) for name in arguments.scenes]
         chapters = evaluate_all(subjects, plan, note=progress.note)
@@ -264,9 +271,11 @@ def _run_all(arguments: argparse.Namespace) -> int:
         command=shlex.join(["depthsr", *sys.argv[1:]]),
         scenes=tuple(subject.name for _, subject in subjects),
         machine=described(),
-        seconds=time.perf_counter() - begin,
+        cpu_seconds=time.process_time(),
     )
     written = write_report(arguments.output, chapters, origin)
+    if arguments.page is not None:
+        write_page(arguments.page, chapters, origin)
     for chapter in chapters:
         say(f"{chapter.title}")
         for sentence in chapter.answer:

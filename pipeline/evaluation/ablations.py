@@ -1,4 +1,4 @@
-"""What each piece of the method is worth: taken away in turn, in dB and in seconds.
+"""What each piece of the method is worth: taken away in turn, in dB and in processor time.
 
 The left eye at one degradation. The pieces are switched where they are joined, by the
 functions that :func:`pipeline.superresolve.superresolve` itself calls.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +18,7 @@ from pipeline.config import Settings
 from pipeline.degradation import Degradation, DegradedFrame
 from pipeline.evaluate import BORDER, settings_of
 from pipeline.evaluation.elements import Chapter, Figure
-from pipeline.evaluation.methods import middle_views
+from pipeline.evaluation.methods import Accounted, accounted, middle_views
 from pipeline.evaluation.plots import lines, spread_bars
 from pipeline.evaluation.subjects import Subject
 from pipeline.evaluation.tables import Table, number, signed
@@ -38,6 +39,10 @@ DEGRADATION = Degradation(psf_sigma=1.0, noise_sigma=2.0)
 """Aliasing and noise: there is something to gain from the other views."""
 
 WHOLE = "everything"
+STRIPS = "strips for windows"
+"""The thesis' best layout; only strips leave the choice of the motion model."""
+LONGEST_BAR = 3.0
+"""Of the plot of losses, dB; longer ones are cut off, and say how long they are."""
 NO_LIMIT = 1e6
 """Prediction error that is tolerated where weights are off, grey levels."""
 
@@ -67,12 +72,13 @@ class AblationRow:
     name: str
     psnr: float
     """Left eye, dB."""
-    seconds: float
+    cpu_seconds: float
+    """Of all threads."""
 
 
 def pieces() -> list[Variant]:
     """Return the method whole, and with each piece off."""
-    default, tuning = METHODS["default"], FusedTuning()
+    strips, tuning = METHODS["h"], FusedTuning()
     return [
         Variant(name=WHOLE),
         Variant(
@@ -88,8 +94,10 @@ def pieces() -> list[Variant]:
             name="no weights, no verification", trust_all=True,
             tuning=replace(tuning, agreement=(NO_LIMIT, 0.0)),
         ),
+        Variant(name=STRIPS, method=strips),
         Variant(
-            name="translation for affine", method=replace(default, model=MotionModel.TRANSLATION)
+            name=f"{STRIPS}, translation for affine",
+            method=replace(strips, model=MotionModel.TRANSLATION),
         ),
         Variant(name="no calibration", calibration=False),
     ]  # fmt: skip
@@ -124,29 +132,26 @@ def measure_ablations(
         "patches": cuts(),
     }
     rows = []
+    left = subject.eyes[0]
+    registrations: dict[object, Accounted[_Registered]] = {}
     for group, variants in groups.items():
         for variant in variants:
             note(f"{subject.name}: {variant.name}" + (" views" if group == "views" else ""))
-            value, seconds = _measured(subject, degraded, settings, variant)
+            frame = _seen_by(degraded.frame, variant, left)
+            alike = (variant.method, variant.calibration, len(frame.views))
+            if alike not in registrations:
+                registrations[alike] = accounted(partial(_registered, frame, left, variant.method))
+            registered = registrations[alike]
+            made = accounted(partial(_fused, registered.result, settings, variant))
+            eight_bit = np.clip(np.rint(made.result), 0, 255)
             rows.append(
                 AblationRow(
-                    scene=subject.name, group=group, name=variant.name, psnr=value,
-                    seconds=seconds,
+                    scene=subject.name, group=group, name=variant.name,
+                    psnr=psnr(eight_bit, degraded.truth[left], border=BORDER),
+                    cpu_seconds=registered.cpu_seconds + made.cpu_seconds,
                 )
             )  # fmt: skip
     return rows
-
-
-def _measured(
-    subject: Subject, degraded: DegradedFrame, settings: Settings, variant: Variant
-) -> tuple[float, float]:
-    """Return PSNR of the left eye, and seconds."""
-    left = subject.eyes[0]
-    begin = time.perf_counter()
-    image = _reconstructed(_seen_by(degraded.frame, variant, left), left, settings, variant)
-    seconds = time.perf_counter() - begin
-    eight_bit = np.clip(np.rint(image), 0, 255)
-    return psnr(eight_bit, degraded.truth[left], border=BORDER), seconds
 
 
 def _seen_by(frame: MultiViewFrame, variant: Variant, left: str) -> MultiViewFrame:
@@ -160,20 +165,34 @@ def _seen_by(frame: MultiViewFrame, variant: Variant, left: str) -> MultiViewFra
     return replace(frame, views=bare, depth_is_metric=False)
 
 
-def _reconstructed(
-    frame: MultiViewFrame, left: str, settings: Settings, variant: Variant
-) -> np.ndarray:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Registered:
+    """All views of a frame onto the left eye."""
+
+    views: Sequence[RegisteredView]
+    lr_shape: tuple[int, int]
+    noise: float
+
+
+def _registered(frame: MultiViewFrame, left: str, method: RegistrationMethod) -> _Registered:
     noise = estimate_noise_of_views(frame.views)
     prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
     found = register_views(
-        prepared, [left], [view.view_id for view in frame.views], variant.method, noise=noise,
+        prepared, [left], [view.view_id for view in frame.views], method, noise=noise,
         thresholds=Thresholds(weight=default_weight_threshold(noise), depth=0.1),
     )[left]  # fmt: skip
-    registered = [item.registered for item in found]
+    return _Registered(
+        views=[item.registered for item in found], lr_shape=frame.lr_shape, noise=noise
+    )
+
+
+def _fused(registered: _Registered, settings: Settings, variant: Variant) -> np.ndarray:
+    noise = registered.noise
+    views = registered.views
     if variant.trust_all:
-        registered = [_believed(view) for view in registered]
+        views = [_believed(view) for view in views]
     return fuse(
-        registered, settings.grid, frame.lr_shape, given_psf(settings), noise=noise,
+        views, settings.grid, registered.lr_shape, given_psf(settings), noise=noise,
         residual_threshold=NO_LIMIT if variant.trust_all else default_residual_threshold(noise),
         tuning=variant.tuning,
     ).estimate  # fmt: skip
@@ -194,8 +213,9 @@ class WarmRow:
     cold_psnr: float
     warm_psnr: float
     """Left eye, dB."""
-    cold_seconds: float
-    warm_seconds: float
+    cold_cpu_seconds: float
+    warm_cpu_seconds: float
+    """Of all threads."""
 
 
 def measure_warm(
@@ -215,16 +235,16 @@ def measure_warm(
         values, seconds = {}, {}
         for way, worker in workers.items():
             note(f"{name}, frame {degraded.frame.frame_index}: {way}")
-            begin = time.perf_counter()
+            begin = time.process_time()
             result = worker.take(degraded.frame)
-            seconds[way] = time.perf_counter() - begin
+            seconds[way] = time.process_time() - begin
             eight_bit = np.clip(np.rint(result.images[eyes[0]].luma), 0, 255)
             values[way] = psnr(eight_bit, degraded.truth[eyes[0]], border=BORDER)
         rows.append(
             WarmRow(
                 scene=name, frame_index=degraded.frame.frame_index,
                 cold_psnr=values["cold"], warm_psnr=values["warm"],
-                cold_seconds=seconds["cold"], warm_seconds=seconds["warm"],
+                cold_cpu_seconds=seconds["cold"], warm_cpu_seconds=seconds["warm"],
             )
         )  # fmt: skip
     return rows[1:]
@@ -247,10 +267,11 @@ def chapter(rows: Sequence[AblationRow], warm: Sequence[WarmRow]) -> Chapter:
         ]
         figures.append(
             Figure(
+                scene=scene,
                 caption=f"{scene}: what is lost without a piece.",
                 content=spread_bars(
                     [row.name for row in off], [whole.psnr - row.psnr for row in off],
-                    x_label="lost, dB (left of zero: gained)",
+                    x_label="lost, dB (left of zero: gained)", longest=LONGEST_BAR,
                 ),
             )
         )  # fmt: skip
@@ -280,6 +301,15 @@ def chapter(rows: Sequence[AblationRow], warm: Sequence[WarmRow]) -> Chapter:
 
 def _answer(rows: Sequence[AblationRow]) -> list[str]:
     sentences = []
+    changes: dict[str, list[float]] = {}
+    whole_of = {row.scene: row.psnr for row in rows if row.name == WHOLE}
+    for row in rows:
+        if row.group == "piece" and row.name != WHOLE:
+            changes.setdefault(row.name, []).append(row.psnr - whole_of[row.scene])
+    if len(whole_of) > 1:
+        means = sorted((float(np.mean(found)), name) for name, found in changes.items())
+        named = "; ".join(f"{name} {signed(mean)}" for mean, name in means)
+        sentences.append(f"In the mean over the scenes that allow it, in dB: {named}.")
     for scene in dict.fromkeys(row.scene for row in rows):
         of_scene = [row for row in rows if row.scene == scene]
         whole = next(row for row in of_scene if row.name == WHOLE)
@@ -289,12 +319,9 @@ def _answer(rows: Sequence[AblationRow]) -> list[str]:
             if row.group == "piece" and row.name != WHOLE
         }
         if lost:
-            most = max(lost, key=lambda name: lost[name])
-            said = f"{scene}: the dearest loss is {most}, {lost[most]:.2f} dB"
-            gained = [name for name, value in lost.items() if value < -0.02]
-            if gained:
-                said += f"; it would gain from {', '.join(gained)}"
-            sentences.append(said + ".")
+            dearest_first = sorted(lost, key=lambda name: -lost[name])
+            named = "; ".join(f"{name} {signed(-lost[name])}" for name in dearest_first)
+            sentences.append(f"{scene}: what a change makes of {whole.psnr:.2f} dB: {named}.")
         views = [row for row in of_scene if row.group == "views"]
         if len(views) > 1:
             steps = ", ".join(
@@ -309,11 +336,11 @@ def _piece_table(rows: Sequence[AblationRow]) -> Table:
     found = [row for row in rows if row.group == "piece"]
     whole = {row.scene: row for row in found if row.name == WHOLE}
     return Table(
-        head=("scene", "variant", "PSNR dB", "against everything", "seconds"),
+        head=("scene", "variant", "PSNR dB", "against everything", "CPU s"),
         rows=tuple(
             (
                 row.scene, row.name, number(row.psnr), signed(row.psnr - whole[row.scene].psnr),
-                number(row.seconds),
+                number(row.cpu_seconds),
             )
             for row in found
         ),
@@ -322,7 +349,7 @@ def _piece_table(rows: Sequence[AblationRow]) -> Table:
 
 
 def _pivot(rows: Sequence[AblationRow], group: str, noun: str) -> Table:
-    """Return PSNR and seconds with a scene a row and a variant a column."""
+    """Return PSNR and processor time with a scene a row and a variant a column."""
     found = [row for row in rows if row.group == group]
     names = list(dict.fromkeys(row.name for row in found))
     by_key = {(row.scene, row.name): row for row in found}
@@ -334,7 +361,7 @@ def _pivot(rows: Sequence[AblationRow], group: str, noun: str) -> Table:
             (
                 scene,
                 *(
-                    f"{row.psnr:.2f} dB, {row.seconds:.1f} s" if row is not None else "–"
+                    f"{row.psnr:.2f} dB, {row.cpu_seconds:.1f} s" if row is not None else "–"
                     for row in (by_key.get((scene, name)) for name in names)
                 ),
             )
@@ -345,12 +372,12 @@ def _pivot(rows: Sequence[AblationRow], group: str, noun: str) -> Table:
 
 def _warm_table(rows: Sequence[WarmRow]) -> Table:
     return Table(
-        head=("scene", "frame", "cold dB", "warm dB", "difference", "cold s", "warm s"),
+        head=("scene", "frame", "cold dB", "warm dB", "difference", "cold CPU s", "warm CPU s"),
         rows=tuple(
             (
                 row.scene, str(row.frame_index), number(row.cold_psnr), number(row.warm_psnr),
-                signed(row.warm_psnr - row.cold_psnr, 3), number(row.cold_seconds),
-                number(row.warm_seconds),
+                signed(row.warm_psnr - row.cold_psnr, 3), number(row.cold_cpu_seconds),
+                number(row.warm_cpu_seconds),
             )
             for row in rows
         ),

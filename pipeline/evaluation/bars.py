@@ -11,16 +11,19 @@ from pipeline.config import Settings
 from pipeline.degradation import Degradation
 from pipeline.errors import ConfigurationError
 from pipeline.evaluation import cells, rendered
-from pipeline.evaluation.floors import Verdict, psf_floors, rendered_floors, set1_floors
+from pipeline.evaluation.floors import (
+    PSF_SCENES,
+    Verdict,
+    psf_floors,
+    rendered_floors,
+    set1_floors,
+)
 from pipeline.evaluation.sensitivity import measure_estimate, remark_of_one_view
 from pipeline.evaluation.subjects import SAMPLE, open_subject
 from pipeline.report import versions
 
 FORMAT = "depthsr-bars/1"
 """Value of the key ``format`` of the JSON file."""
-
-PSF_SCENES = ("lytro_2067", "flower", SAMPLE)
-"""Scenes that have to tell their PSF."""
 
 
 def measure_bars(

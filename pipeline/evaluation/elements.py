@@ -18,6 +18,8 @@ class Figure:
     """PNG, or SVG text as UTF-8."""
     kind: str = "svg"
     """``svg`` or ``png``."""
+    scene: str = ""
+    """The one scene that it shows; empty: all of them."""
     pixelated: bool = False
     """Whether a browser shall show the pixels when it enlarges."""
 

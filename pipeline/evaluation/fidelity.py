@@ -10,10 +10,10 @@ import numpy as np
 from scipy import stats
 
 from pipeline.degradation import Degradation
-from pipeline.evaluate import BORDER, DEFAULT, SINGLE_VIEW, settings_of
+from pipeline.evaluate import BORDER, DEFAULT, SINGLE_VIEW
 from pipeline.evaluation import plots
 from pipeline.evaluation.elements import Chapter, Comparison, Figure
-from pipeline.evaluation.methods import MethodRun, fidelity, timed_run
+from pipeline.evaluation.methods import MethodRun, fidelity
 from pipeline.evaluation.subjects import Subject
 from pipeline.evaluation.tables import NOT_MEASURED, Table, number, signed
 from pipeline.metrics import binocular_psnr
@@ -48,8 +48,8 @@ class Row:
     ms_ssim: tuple[float, float]
     binocular: float
     """Left and right together (:func:`pipeline.metrics.binocular_psnr`), dB."""
-    seconds: float
-    """Both eyes, one after the other."""
+    cpu_seconds: float
+    """Of all threads; both eyes, one after the other."""
     memory_mib: float
 
     @property
@@ -88,18 +88,17 @@ def measure_rows(
             degradation = Degradation(
                 psf_sigma=condition.psf_sigma, noise_sigma=condition.noise, seed=seed
             )
-            degraded = subject.degraded(degradation)
-            settings = settings_of(degradation, subject.settings)
+            truth = subject.degraded(degradation).truth
             for method in methods if position == 0 else SEED_METHODS:
                 note(
                     f"{subject.name}, σ_psf {condition.psf_sigma:g}, noise "
                     f"{condition.noise:g}, seed {seed}: {method}"
                 )
-                runs = [timed_run(method, degraded, settings, eye) for eye in subject.eyes]
+                runs = [subject.run(method, degradation, eye) for eye in subject.eyes]
                 if position == 0:
                     for run in runs:
                         keep(condition, run)
-                rows.append(_row(subject, condition, seed, method, runs, degraded.truth))
+                rows.append(_row(subject, condition, seed, method, runs, truth))
     return rows
 
 
@@ -125,7 +124,7 @@ def _row(
         ssim=(found[0].ssim, found[1].ssim),
         ms_ssim=(found[0].ms_ssim, found[1].ms_ssim),
         binocular=binocular_psnr((left, right), between.position, between.seen, border=BORDER),
-        seconds=sum(run.seconds for run in runs),
+        cpu_seconds=sum(run.cpu_seconds for run in runs),
         memory_mib=max(run.memory_mib for run in runs),
     )
 
@@ -200,7 +199,7 @@ def _full_table(rows: Sequence[Row]) -> Table:
     return Table(
         head=(
             "scene", "σ_psf", "noise", "method", "PSNR left", "PSNR right", "SSIM left",
-            "SSIM right", "MS-SSIM left", "MS-SSIM right", "both eyes dB", "seconds", "MiB",
+            "SSIM right", "MS-SSIM left", "MS-SSIM right", "both eyes dB", "CPU s", "MiB",
         ),
         rows=tuple(
             (
@@ -208,7 +207,7 @@ def _full_table(rows: Sequence[Row]) -> Table:
                 *(number(value) for value in row.psnr),
                 *(number(value, 4) for value in row.ssim),
                 *(number(value, 4) for value in row.ms_ssim),
-                number(row.binocular), number(row.seconds), number(row.memory_mib, 0),
+                number(row.binocular), number(row.cpu_seconds), number(row.memory_mib, 0),
             )
             for row in rows
         ),
@@ -222,17 +221,24 @@ def _summary_table(rows: Sequence[Row]) -> Table:
         cells = [methods for (_, s, n), methods in _cells(rows).items() if (s, n) == (sigma, noise)]
         for method in dict.fromkeys(row.method for row in rows):
             values = [methods[method] for methods in cells if method in methods]
-            gains = [
-                methods[method].mean_psnr - methods["bicubic"].mean_psnr
-                for methods in cells
-                if method in methods and "bicubic" in methods
+            over = [
+                [
+                    methods[method].mean_psnr - methods[base].mean_psnr
+                    for methods in cells
+                    if method in methods and base in methods
+                ]
+                for base in ("bicubic", SINGLE_VIEW)
             ]
             table.append(
                 (
                     f"{sigma:g}", f"{noise:g}", method,
                     number(float(np.mean([row.mean_psnr for row in values]))),
-                    signed(float(np.mean(gains))) if gains else NOT_MEASURED,
-                    signed(min(gains)) if gains else NOT_MEASURED,
+                    number(min(row.mean_psnr for row in values)),
+                    *(
+                        signed(float(measure(gains))) if gains else NOT_MEASURED
+                        for gains in over
+                        for measure in (np.mean, np.min)
+                    ),
                     number(float(np.mean([np.mean(row.ssim) for row in values])), 4),
                     number(float(np.mean([np.mean(row.ms_ssim) for row in values])), 4),
                     number(float(np.mean([row.binocular for row in values]))),
@@ -240,8 +246,8 @@ def _summary_table(rows: Sequence[Row]) -> Table:
             )  # fmt: skip
     return Table(
         head=(
-            "σ_psf", "noise", "method", "PSNR mean", "over bicubic mean", "over bicubic worst",
-            "SSIM", "MS-SSIM", "both eyes dB",
+            "σ_psf", "noise", "method", "PSNR mean", "worst", "over bicubic mean", "worst",
+            "over single-view mean", "worst", "SSIM", "MS-SSIM", "both eyes dB",
         ),
         rows=tuple(table),
         left=("noise", "method"),

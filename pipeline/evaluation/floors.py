@@ -34,6 +34,9 @@ LOSS, RENDERED_OVER_SINGLE = 0.6, 3.0
 MEDIAN_ERROR, ERROR_95, WRONG_SHARE = 0.02, 0.25, 0.01
 """Rendered scene: largest end-point errors, LR pixels; share of verified pixels that is wrong."""
 
+PSF_SCENES = ("lytro_2067", "flower", "sample")
+"""Scenes that have to tell their PSF."""
+
 PSF_OFF, PSF_LOSS = 0.15, 0.4
 """``--psf auto``: largest distance from the true σ, HR pixels; largest loss against it, dB."""
 

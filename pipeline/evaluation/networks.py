@@ -65,12 +65,25 @@ def package_path(package: str) -> Path | None:
 
 def is_installed(network: Network) -> bool:
     """Return whether ncnn and the network's files are there."""
-    home = package_path(network.package)
     return (
         package_path("ncnn") is not None
-        and home is not None
-        and all((home / f"{network.path}{end}").is_file() for end in (".param", ".bin"))
+        and package_path(network.package) is not None
+        and all(file.is_file() for file in model_files(network))
     )
+
+
+def model_files(network: Network) -> tuple[Path, Path]:
+    """Return the files of the network's layers and of its weights.
+
+    Raises
+    ------
+    ConfigurationError
+        If its package is not there.
+    """
+    home = package_path(network.package)
+    if home is None:
+        raise ConfigurationError(f"{network.package} is not installed; see `make peers`")
+    return home / f"{network.path}.param", home / f"{network.path}.bin"
 
 
 def run(
@@ -113,15 +126,12 @@ def planes(values: Sequence[float], shape: tuple[int, int]) -> npt.NDArray[np.fl
 
 @cache
 def _loaded(network: Network, threads: int) -> Any:
-    home = package_path(network.package)
-    if home is None:
-        raise ConfigurationError(f"{network.package} is not installed; see `make peers`")
     net = _ncnn().Net()
     net.opt.use_vulkan_compute = False
     net.opt.num_threads = threads
-    for load, end in ((net.load_param, ".param"), (net.load_model, ".bin")):
-        if load(str(home / f"{network.path}{end}")) != 0:
-            raise ConfigurationError(f"{home / network.path}{end} cannot be loaded by ncnn")
+    for load, file in zip((net.load_param, net.load_model), model_files(network), strict=True):
+        if load(str(file)) != 0:
+            raise ConfigurationError(f"{file} cannot be loaded by ncnn")
     return net
 
 

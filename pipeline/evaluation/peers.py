@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.config import Settings
 from pipeline.degradation import Degradation, DegradedFrame
-from pipeline.evaluate import BORDER, DEFAULT, SINGLE_VIEW, settings_of
+from pipeline.evaluate import BORDER, DEFAULT, SINGLE_VIEW
 from pipeline.evaluation import vidsr
 from pipeline.evaluation.elements import Chapter
 from pipeline.evaluation.home_ground import HALVING, home_frame, home_settings
-from pipeline.evaluation.methods import accounted, fidelity, timed_run
+from pipeline.evaluation.kept import made_once
+from pipeline.evaluation.methods import Accounted, MethodRun, accounted, fidelity, timed_run
 from pipeline.evaluation.rivals import PEERS, Given, Peer, moved_half
 from pipeline.evaluation.subjects import Subject
 from pipeline.evaluation.tables import Table, number, signed
+from pipeline.frames import GreyImage
 from pipeline.threads import thread_count
 
 OURS = ("bicubic", SINGLE_VIEW, DEFAULT)
@@ -49,17 +50,25 @@ class InputKind:
         blur = "bicubic" if self.sigma is None else f"Gaussian {self.sigma:g}"
         return f"{blur}, noise {self.noise:g}"
 
+    @property
+    def degradation(self) -> Degradation | None:
+        """As Set 1 has it; None: antialiased bicubic."""
+        if self.sigma is None:
+            return None
+        return Degradation(psf_sigma=self.sigma, noise_sigma=self.noise)
+
     def frame(self, subject: Subject) -> DegradedFrame:
         """Return the LR frame and its truth."""
-        if self.sigma is None:
+        if self.degradation is None:
             return home_frame(subject, self.noise)
-        return subject.degraded(Degradation(psf_sigma=self.sigma, noise_sigma=self.noise))
+        return subject.degraded(self.degradation)
 
-    def settings(self, settings: Settings) -> Settings:
-        """Return the settings that say of the input what is true."""
-        if self.sigma is None:
-            return home_settings(settings)
-        return settings_of(Degradation(psf_sigma=self.sigma), settings)
+    def run(self, method: str, subject: Subject, degraded: DegradedFrame) -> MethodRun:
+        """Return what a method of ours makes of the left eye, told what is true of the input."""
+        eye = subject.eyes[0]
+        if self.degradation is None:
+            return timed_run(method, degraded, home_settings(subject.settings), eye)
+        return subject.run(method, self.degradation, eye)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +86,8 @@ class PeerRow:
     psnr: float
     """dB; NaN where it did not run."""
     ssim: float
-    seconds: float
+    cpu_seconds: float
+    """Of all threads; NaN of a program of its own."""
     memory_mib: float
     remark: str = ""
     """Why it did not run; empty where it did."""
@@ -101,6 +111,7 @@ def measure_peers(
     note: Callable[[str], None] = lambda _: None,
     peers: Sequence[Peer] = PEERS,
     with_vidsr: bool = True,
+    folder: Path | None = None,
 ) -> list[PeerRow]:
     """Return a row for each input and method, ours first; those that are absent say so.
 
@@ -110,30 +121,30 @@ def measure_peers(
         Those that take one picture.
     with_vidsr : bool
         Whether the one packaged program that fuses several pictures is tried, too.
+    folder : Path, optional
+        Where it is kept what networks make, and taken from if it is there.
     """
     eye = subject.eyes[0]
     rows = []
     for kind in kinds:
         degraded = kind.frame(subject)
-        settings = kind.settings(subject.settings)
         truth = degraded.truth[eye]
 
         def row(
-            method: str, image: npt.NDArray, seconds: float, memory_mib: float, *,
+            method: str, image: npt.NDArray, cpu_seconds: float, memory_mib: float, *,
             is_peer: bool, kind: InputKind = kind, truth: npt.NDArray = truth,
         ) -> PeerRow:  # fmt: skip
-            eight_bit = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-            found = fidelity(eight_bit, truth, BORDER)
+            found = fidelity(image, truth, BORDER)
             return PeerRow(
                 scene=subject.name, num_views=len(subject.view_ids), sigma=kind.sigma,
                 noise=kind.noise, method=method, is_peer=is_peer, psnr=found.psnr,
-                ssim=found.ssim, seconds=seconds, memory_mib=memory_mib,
+                ssim=found.ssim, cpu_seconds=cpu_seconds, memory_mib=memory_mib,
             )  # fmt: skip
 
         for method in OURS:
             note(f"{subject.name}, {kind.name}: {method}")
-            run = timed_run(method, degraded, settings, eye)
-            rows.append(row(method, run.image, run.seconds, run.memory_mib, is_peer=False))
+            run = kind.run(method, subject, degraded)
+            rows.append(row(method, run.image, run.cpu_seconds, run.memory_mib, is_peer=False))
         given = Given(noise=kind.noise, sigma=kind.sigma, threads=thread_count())
         lr_image = degraded.frame.view(eye).luma
         for peer in peers:
@@ -144,33 +155,48 @@ def measure_peers(
                 rows.append(_absent(subject, kind, peer.name, remark))
                 continue
             note(f"{subject.name}, {kind.name}: {peer.name}")
-            peer.run(lr_image[:32, :32], given)  # loads it
-            made = accounted(partial(peer.run, lr_image, given))
-            image = made.result if kind.sigma is None else moved_half(made.result)
-            rows.append(row(peer.name, image, made.seconds, made.memory_mib, is_peer=True))
+            made = made_once(peer, lr_image, given, folder, partial(_made, peer, lr_image, given))
+            rows.append(
+                row(peer.name, made.result, made.cpu_seconds, made.memory_mib, is_peer=True)
+            )
         if with_vidsr:
             remark = vidsr.missing()
             if remark:
                 rows.append(_absent(subject, kind, vidsr.NAME, remark))
                 continue
             note(f"{subject.name}, {kind.name}: {vidsr.NAME}")
-            begin = time.perf_counter()
             sigma = HALVING.sigma if kind.sigma is None else kind.sigma
             picture, remark = vidsr.fused(degraded.frame, eye, sigma)
             if picture is None:
                 rows.append(_absent(subject, kind, vidsr.NAME, remark))
                 continue
-            seconds = time.perf_counter() - begin
-            image = picture if kind.sigma is None else moved_half(picture)
-            rows.append(row(vidsr.NAME, image, seconds, float("nan"), is_peer=True))
+            image = _placed(picture, kind.sigma)
+            unknown = float("nan")
+            rows.append(row(vidsr.NAME, image, unknown, unknown, is_peer=True))
     return rows
+
+
+def _made(peer: Peer, lr_image: GreyImage, given: Given) -> Accounted[npt.NDArray[np.uint8]]:
+    """Return what a peer makes of an LR picture, as it is measured."""
+    peer.run(lr_image[:32, :32], given)  # loads it
+    made = accounted(partial(peer.run, lr_image, given))
+    return Accounted(
+        result=_placed(made.result, given.sigma), seconds=made.seconds,
+        cpu_seconds=made.cpu_seconds, memory_mib=made.memory_mib,
+    )  # fmt: skip
+
+
+def _placed(image: GreyImage, sigma: float | None) -> npt.NDArray[np.uint8]:
+    """Return a picture whose pixel areas are aligned where the truth is, rounded."""
+    moved = image if sigma is None else moved_half(image)
+    return np.clip(np.rint(moved), 0, 255).astype(np.uint8)
 
 
 def _absent(subject: Subject, kind: InputKind, method: str, remark: str) -> PeerRow:
     nothing = float("nan")
     return PeerRow(
         scene=subject.name, num_views=len(subject.view_ids), sigma=kind.sigma, noise=kind.noise,
-        method=method, is_peer=True, psnr=nothing, ssim=nothing, seconds=nothing,
+        method=method, is_peer=True, psnr=nothing, ssim=nothing, cpu_seconds=nothing,
         memory_mib=nothing, remark=remark,
     )  # fmt: skip
 
@@ -275,11 +301,11 @@ def _summary(cells: Mapping[Cell, Sequence[PeerRow]]) -> Table:
 
 def _full_table(rows: Iterable[PeerRow]) -> Table:
     return Table(
-        head=("scene", "input", "method", "PSNR", "SSIM", "seconds", "MiB", ""),
+        head=("scene", "input", "method", "PSNR", "SSIM", "CPU s", "MiB", ""),
         rows=tuple(
             (
                 row.scene, row.input_name, row.method, number(row.psnr), number(row.ssim, 4),
-                number(row.seconds), number(row.memory_mib, 0), row.remark,
+                number(row.cpu_seconds), number(row.memory_mib, 0), row.remark,
             )
             for row in rows
         ),

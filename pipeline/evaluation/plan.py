@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 CHAPTERS = ("fidelity", "registration", "spectra", "psf", "left-out", "ablations", "peers")
 """Keys of the chapters, in their order."""
@@ -19,5 +20,7 @@ class Plan:
     num_seeds: int = 3
     """Seeds of the noise, from 1 on; without noise there is one."""
     chapters: tuple[str, ...] = CHAPTERS
+    peers_folder: Path | None = None
+    """Where it is kept what the networks of others make of a picture; None: nowhere."""
     warm_frames: int = 4
     """Frames of a video that the warm start is tried on."""

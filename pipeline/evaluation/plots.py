@@ -107,9 +107,17 @@ def bars(
 
 
 def spread_bars(
-    names: Sequence[str], values: Sequence[float], *, x_label: str, marked: Sequence[bool] = ()
+    names: Sequence[str],
+    values: Sequence[float],
+    *,
+    x_label: str,
+    marked: Sequence[bool] = (),
+    longest: float = float("inf"),
 ) -> bytes:
-    """Return lying bars, one a name, from the top; marked ones stand out."""
+    """Return lying bars, one a name, from the top, with their values; marked ones stand out.
+
+    Those longer than ``longest`` are cut off.
+    """
     made: list[bytes] = []
     with _axes(7.2, 0.9 + 0.3 * len(names), made) as axes:
         place = np.arange(len(names))
@@ -117,7 +125,10 @@ def spread_bars(
             COLOURS[1] if number < len(marked) and marked[number] else COLOURS[0]
             for number in range(len(names))
         ]
-        axes.barh(place, values, color=colours, height=0.7)
+        lengths = np.clip(values, -longest, longest)
+        drawn = axes.barh(place, lengths, color=colours, height=0.7)
+        axes.bar_label(drawn, [f"{value:.2f}" for value in values], padding=3, fontsize=9)
+        axes.margins(x=0.12)
         axes.set_yticks(place, names)
         axes.invert_yaxis()
         axes.axvline(0, color="#444444", linewidth=0.8)

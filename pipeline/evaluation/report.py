@@ -6,7 +6,7 @@ import base64
 import json
 import re
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import resources
@@ -28,10 +28,10 @@ from pipeline.evaluation import (
     spectra,
 )
 from pipeline.evaluation.elements import Chapter, Comparison, Figure
-from pipeline.evaluation.methods import MethodRun, timed_run
+from pipeline.evaluation.methods import MethodRun
 from pipeline.evaluation.plan import CHAPTERS, Plan
 from pipeline.evaluation.plots import png
-from pipeline.evaluation.subjects import Subject
+from pipeline.evaluation.subjects import SAMPLE, Subject
 from pipeline.media.files import write_atomic
 from pipeline.media.source import open_scene
 from pipeline.report import strict_json, versions
@@ -157,13 +157,12 @@ def _images(
     note: Callable[[str], None],
 ) -> dict[str, npt.NDArray[np.uint8]]:
     """Return the left eye by method, the original first."""
-    degraded = subject.degraded(degradation)
-    settings = settings_of(degradation, subject.settings)
     left = subject.eyes[0]
-    images: dict[str, npt.NDArray[np.uint8]] = {spectra.TRUTH: degraded.truth[left]}
+    truth = subject.degraded(degradation).truth[left]
+    images: dict[str, npt.NDArray[np.uint8]] = {spectra.TRUTH: truth}
     for method in methods:
         note(f"{subject.name}: {method}")
-        images[method] = timed_run(method, degraded, settings, left).image
+        images[method] = subject.run(method, degradation, left).image
     return images
 
 
@@ -179,7 +178,9 @@ def _psf(
                 )
                 curves.append(curve)
                 crops.append(figure)
-    return sensitivity.chapter(curves, crops)
+    anything = Degradation(psf_sigma=plan.psf_sigmas[0], noise_sigma=plan.noises[0])
+    of_one_view = sensitivity.remark_of_one_view(subjects[0][1], anything)
+    return sensitivity.chapter(curves, crops, of_one_view)
 
 
 def _left_out(subjects: Sequence[tuple[str, Subject]], note: Callable[[str], None]) -> Chapter:
@@ -190,7 +191,8 @@ def _left_out(subjects: Sequence[tuple[str, Subject]], note: Callable[[str], Non
         crops.append(figure)
         free = left_out.measure_free_view(subject, note=note)
         if free is not None:
-            free_views.append(free)
+            free_views.append(free[0])
+            crops.append(free[1])
     return left_out.chapter(predictions, free_views, crops)
 
 
@@ -241,7 +243,9 @@ def _peers(
 ) -> Chapter:
     kinds = peers.input_kinds(plan.psf_sigmas, plan.noises)
     rows = [
-        row for _, subject in subjects for row in peers.measure_peers(subject, kinds, note=note)
+        row
+        for _, subject in subjects
+        for row in peers.measure_peers(subject, kinds, note=note, folder=plan.peers_folder)
     ]
     return peers.chapter(rows)
 
@@ -256,7 +260,40 @@ class Origin:
     command: str
     scenes: tuple[str, ...]
     machine: str
-    seconds: float
+    cpu_seconds: float
+    """Processor time of all threads."""
+
+
+PAGE_PICTURES = "images"
+"""Folder beside a page that holds its figures."""
+
+LONG_TABLE = 40
+"""Rows beyond which a table of a text is folded."""
+
+
+def write_page(page: Path, chapters: Sequence[Chapter], origin: Origin) -> list[Path]:
+    """Write the report as a Markdown page to be published, and its figures beside it.
+
+    The photographs of real scenes are their owners': the figures are those of the rendered
+    scene, and of all scenes together.
+
+    Returns
+    -------
+    list of Path
+        The page, then its figures.
+    """
+    pictures, written = {}, []
+    folder = page.parent / PAGE_PICTURES
+    folder.mkdir(parents=True, exist_ok=True)
+    for chapter in chapters:
+        shown = [figure for figure in chapter.figures if figure.scene in ("", SAMPLE)]
+        for number, figure in enumerate(shown, start=1):
+            name = f"{page.stem}-{chapter.key}-{number}.{figure.kind}"
+            write_atomic(folder / name, figure.content)
+            written.append(folder / name)
+            pictures[figure.caption] = f"{PAGE_PICTURES}/{name}"
+    write_atomic(page, report_text(chapters, origin, pictures).encode())
+    return [page, *written]
 
 
 def write_report(folder: Path, chapters: Sequence[Chapter], origin: Origin) -> list[Path]:
@@ -280,7 +317,7 @@ def write_report(folder: Path, chapters: Sequence[Chapter], origin: Origin) -> l
         "versions": versions(),
         "command": origin.command,
         "scenes": origin.scenes,
-        "seconds": origin.seconds,
+        "cpu_seconds": origin.cpu_seconds,
         "chapters": {
             chapter.key: {"answer": chapter.answer, **chapter.data} for chapter in chapters
         },
@@ -294,8 +331,17 @@ def write_report(folder: Path, chapters: Sequence[Chapter], origin: Origin) -> l
     return [page, text, path, *written]
 
 
-def report_text(chapters: Sequence[Chapter], origin: Origin) -> str:
-    """Return questions, answers and tables as Markdown; pictures are left to the page."""
+def report_text(
+    chapters: Sequence[Chapter], origin: Origin, pictures: Mapping[str, str] | None = None
+) -> str:
+    """Return questions, answers and tables as Markdown.
+
+    Parameters
+    ----------
+    pictures : mapping of str, optional
+        Addresses of figures by their captions; figures without one are left out.
+    """
+    pictures = pictures or {}
     lines = [
         f"# {TITLE}", "",
         f"{_when(origin)} with `{origin.command}`. {origin.machine}.",
@@ -303,15 +349,22 @@ def report_text(chapters: Sequence[Chapter], origin: Origin) -> str:
     for chapter in chapters:
         lines += ["", f"## {chapter.title}", "", f"*{chapter.question}*", ""]
         lines += [f"- {sentence}" for sentence in chapter.answer]
+        for figure in chapter.figures:
+            if figure.caption in pictures:
+                lines += ["", f"![{figure.caption}]({pictures[figure.caption]})", ""]
+                lines += [f"*{figure.caption}*"]
         for title, table in chapter.tables:
-            if table.rows:
+            if len(table.rows) > LONG_TABLE:
+                said = f"<summary>{title}, {len(table.rows)} rows</summary>"
+                lines += ["", f"<details>{said}", "", table.as_markdown(), "", "</details>"]
+            elif table.rows:
                 lines += ["", f"**{title}**", "", table.as_markdown()]
     return "\n".join(lines) + "\n"
 
 
 def _when(origin: Origin) -> str:
     day = datetime.now(UTC).date().isoformat()
-    return f"Measured on {day} in {origin.seconds / 60:.0f} min"
+    return f"Measured on {day} in {origin.cpu_seconds / 60:.0f} min of processor time"
 
 
 def report_page(chapters: Sequence[Chapter], origin: Origin) -> str:
@@ -326,7 +379,7 @@ def report_page(chapters: Sequence[Chapter], origin: Origin) -> str:
         title=TITLE,
         scenes=origin.scenes,
         date=datetime.now(UTC).date().isoformat(),
-        took=f"measured in {origin.seconds / 60:.0f} min",
+        took=f"measured in {origin.cpu_seconds / 60:.0f} min of processor time",
         machine=origin.machine,
         command=origin.command,
         chapters=chapters,

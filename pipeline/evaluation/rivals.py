@@ -77,6 +77,8 @@ class Peer:
     """What is not there that it needs; empty where all is."""
     applies: Callable[[Given], bool] = lambda given: True
     """Whether it has something of its own to say to such an input."""
+    networks: tuple[Network, ...] = ()
+    """Those that it runs."""
 
 
 def moved_half(image: Grey) -> Grey:
@@ -190,14 +192,21 @@ def _told(sigma_of: Callable[[float], float]) -> Callable[[Given], tuple[float, 
     return numbers
 
 
-def _needs(*wanted: Network, pca: bool = False) -> Callable[[], str]:
+def _of_networks(
+    name: str,
+    run: Callable[[Grey, Given], Grey],
+    *wanted: Network,
+    pca: bool = False,
+    applies: Callable[[Given], bool] = lambda given: True,
+) -> Peer:
+    """Return a peer that runs networks, and may need the principal components of SRMD."""
+
     def missing() -> str:
-        absent = [network.package for network in wanted if not networks.is_installed(network)]
-        if absent:
+        if not all(networks.is_installed(network) for network in wanted):
             return "not installed"
         return "DEPTHSR_SRMD_PCA not set" if pca and pca_file() is None else ""
 
-    return missing
+    return Peer(name=name, run=run, missing=missing, applies=applies, networks=wanted)
 
 
 PEERS = (
@@ -208,28 +217,21 @@ PEERS = (
         Peer(name=f"swscale {kernel.lower()}", run=_swscale(kernel), missing=lambda: "")
         for kernel in swscale.KERNELS
     ),
-    Peer(name="waifu2x upconv7 photo", run=_network(WAIFU2X, 7, 0), missing=_needs(WAIFU2X)),
-    Peer(
-        name="waifu2x upconv7 photo, denoising", run=_network(WAIFU2X_DENOISE, 7, 0),
-        missing=_needs(WAIFU2X_DENOISE), applies=lambda given: given.noise > 0,
+    _of_networks("waifu2x upconv7 photo", _network(WAIFU2X, 7, 0), WAIFU2X),
+    _of_networks(
+        "waifu2x upconv7 photo, denoising", _network(WAIFU2X_DENOISE, 7, 0), WAIFU2X_DENOISE,
+        applies=lambda given: given.noise > 0,
     ),
-    Peer(name="SPAN x2 ch48", run=_network(SPAN, 8, 16), missing=_needs(SPAN)),
-    Peer(
-        name="animevideov3 x2", run=_network(ANIMEVIDEO, 8, 16), missing=_needs(ANIMEVIDEO)
+    _of_networks("SPAN x2 ch48", _network(SPAN, 8, 16), SPAN),
+    _of_networks("animevideov3 x2", _network(ANIMEVIDEO, 8, 16), ANIMEVIDEO),
+    _of_networks("SRMD, blind", _srmd(lambda given: NO_BLUR), SRMD, SRMD_NOISE_FREE),
+    _of_networks(
+        "SRMD, true kernel", _srmd(_told(lambda sigma: sigma)), SRMD, SRMD_NOISE_FREE,
+        pca=True, applies=lambda given: given.sigma is not None,
     ),
-    Peer(
-        name="SRMD, blind", run=_srmd(lambda given: NO_BLUR),
-        missing=_needs(SRMD, SRMD_NOISE_FREE),
-    ),
-    Peer(
-        name="SRMD, true kernel", run=_srmd(_told(lambda sigma: sigma)),
-        missing=_needs(SRMD, SRMD_NOISE_FREE, pca=True),
-        applies=lambda given: given.sigma is not None,
-    ),
-    Peer(
-        name="SRMD, matched kernel", run=_srmd(_told(kernel_before_halving)),
-        missing=_needs(SRMD, SRMD_NOISE_FREE, pca=True),
-        applies=lambda given: given.sigma is not None,
+    _of_networks(
+        "SRMD, matched kernel", _srmd(_told(kernel_before_halving)), SRMD, SRMD_NOISE_FREE,
+        pca=True, applies=lambda given: given.sigma is not None,
     ),
 )  # fmt: skip
 """In the order of the table. The last tells SRMD the kernel that, followed by the bicubic halving

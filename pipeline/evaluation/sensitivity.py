@@ -9,18 +9,25 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline import drawing
-from pipeline.config import Settings
 from pipeline.debug_pictures import crops_picture
-from pipeline.degradation import Degradation, DegradedFrame
+from pipeline.degradation import Degradation
 from pipeline.evaluate import BORDER, settings_of
 from pipeline.evaluation.elements import Chapter, Figure
-from pipeline.evaluation.floors import PSF_LOSS, PSF_OFF, PsfEstimate
+from pipeline.evaluation.floors import (
+    PSF_LOSS,
+    PSF_OFF,
+    PSF_SCENES,
+    PsfEstimate,
+    psf_floors,
+    verdict_table,
+)
 from pipeline.evaluation.plots import lines, png
 from pipeline.evaluation.subjects import Subject
 from pipeline.evaluation.tables import Table, number, signed
 from pipeline.metrics import psnr
 from pipeline.psf_search import search_psf
-from pipeline.superresolve import superresolve
+from pipeline.reconstruction.psf import GaussianPsf
+from pipeline.superresolve import RegisteredFrame, reconstruct_frame
 
 FACTORS = (0.5, 0.7, 0.85, 1.0, 1.15, 1.35, 1.6)
 """Assumed σ over the true one."""
@@ -47,18 +54,22 @@ class SigmaCurve:
     """What the scene itself tells."""
 
 
-def measure_estimate(subject: Subject, degradation: Degradation) -> PsfEstimate:
+def measure_estimate(
+    subject: Subject, degradation: Degradation, registered: RegisteredFrame | None = None
+) -> PsfEstimate:
     """Return what ``--psf auto`` finds, and how good the left eye is with it.
 
-    The support is that of the degradation, and given.
+    The support is that of the degradation, and given. The views are registered here unless
+    they are handed over registered.
     """
     degraded = subject.degraded(degradation)
-    base = settings_of(degradation, subject.settings)
-    found = search_psf(degraded.frame, replace(base, psf="auto", psf_sigma=None))[0]
-    left = subject.eyes[0]
+    settings = settings_of(degradation, subject.settings)
+    found = search_psf(degraded.frame, replace(settings, psf="auto", psf_sigma=None))[0]
+    registered = registered or subject.registered(degradation)
+    truth = degraded.truth[subject.eyes[0]]
     true_psnr, of_found = (
-        psnr(_eight_bit(degraded, settings, left), degraded.truth[left], border=BORDER)
-        for settings in (base, replace(base, psf_sigma=found.sigma))
+        psnr(_eight_bit(registered, sigma, degradation.psf_support), truth, border=BORDER)
+        for sigma in (degradation.psf_sigma, found.sigma)
     )
     return PsfEstimate(
         scene=subject.name, true_sigma=degradation.psf_sigma, noise=degradation.noise_sigma,
@@ -74,9 +85,11 @@ def remark_of_one_view(subject: Subject, degradation: Degradation) -> str:
     return search_psf(alone, settings)[0].remark
 
 
-def _eight_bit(degraded: DegradedFrame, settings: Settings, eye: str) -> npt.NDArray[np.float32]:
-    result = superresolve(degraded.frame, settings, targets=(eye,))
-    return np.clip(np.rint(result.images[eye].luma), 0, 255)
+def _eight_bit(registered: RegisteredFrame, sigma: float, support: int) -> npt.NDArray[np.float32]:
+    """Return the left eye as that PSF makes it; where views land does not depend on the PSF."""
+    assumed = replace(registered, psf=GaussianPsf.of(sigma, support))
+    (made,) = reconstruct_frame(assumed).images.values()
+    return np.clip(np.rint(made.luma), 0, 255)
 
 
 def measure_curve(
@@ -88,25 +101,27 @@ def measure_curve(
     supports: Sequence[int] = SUPPORTS,
 ) -> tuple[SigmaCurve, Figure]:
     """Return the curve of one scene and degradation, and crops along it."""
-    degraded = subject.degraded(degradation)
-    base = settings_of(degradation, subject.settings)
-    left = subject.eyes[0]
-    truth = degraded.truth[left]
+    truth = subject.degraded(degradation).truth[subject.eyes[0]]
+    registered = subject.registered(degradation)
     pictures: dict[str, npt.NDArray] = {}
 
-    def measured(settings: Settings, name: str | None = None) -> float:
-        eight_bit = _eight_bit(degraded, settings, left)
+    def measured(sigma: float, support: int, name: str | None = None) -> float:
+        eight_bit = _eight_bit(registered, sigma, support)
         if name is not None:
             pictures[name] = eight_bit
         return psnr(eight_bit, truth, border=BORDER)
 
-    sigma = degradation.psf_sigma
+    sigma, support = degradation.psf_sigma, degradation.psf_support
     values = []
+    ends = {min(supports), max(supports)} - {support}
     for factor in factors:
         note(f"{subject.name}: true σ_psf {sigma:g}, assumed {factor * sigma:.2f}")
-        shown = f"assumed σ {factor * sigma:.2f}" if factor in _shown(factors) else None
-        values.append(measured(replace(base, psf_sigma=factor * sigma), shown))
-    of_supports = [measured(replace(base, psf_support=support)) for support in supports]
+        shown = f"σ {factor * sigma:.2f}" if factor in _shown(factors) else None
+        values.append(measured(factor * sigma, support, shown))
+    of_supports = [
+        measured(sigma, assumed, f"support {assumed}" if assumed in ends else None)
+        for assumed in supports
+    ]
     note(f"{subject.name}: true σ_psf {sigma:g}, estimated")
     curve = SigmaCurve(
         scene=subject.name,
@@ -116,16 +131,18 @@ def measure_curve(
         psnr=tuple(values),
         supports=tuple(supports),
         psnr_of_supports=tuple(of_supports),
-        found=measure_estimate(subject, degradation),
+        found=measure_estimate(subject, degradation, registered),
     )
     pictures["original"] = truth
     height, width = truth.shape
     crop = (height // 2 - 32, width // 2 - 40, 64, 80)
     figure = Figure(
         caption=f"{subject.name}, true σ_psf {sigma:g}, noise {degradation.noise_sigma:g}: one "
-        "crop with a PSF assumed too narrow, right, and too wide (Figure 17).",
-        content=png(drawing.framed(crops_picture(pictures, [crop], factor=3), 0)),
+        f"crop with a σ assumed too small, right, and too large (Figure 17), and with the right σ "
+        f"cut off elsewhere than at the true support of {support}.",
+        content=png(drawing.framed(crops_picture(pictures, [crop], factor=2), 0)),
         kind="png",
+        scene=subject.name,
     )
     return curve, figure
 
@@ -134,8 +151,13 @@ def _shown(factors: Sequence[float]) -> tuple[float, float, float]:
     return min(factors), min(factors, key=lambda factor: abs(factor - 1)), max(factors)
 
 
-def chapter(curves: Sequence[SigmaCurve], crops: Sequence[Figure]) -> Chapter:
-    """Return Figures 17 and 18, and how well the PSF is estimated."""
+def chapter(
+    curves: Sequence[SigmaCurve], crops: Sequence[Figure], of_one_view: str = ""
+) -> Chapter:
+    """Return Figures 17 and 18, and how well the PSF is estimated.
+
+    ``of_one_view`` is what the search remarked when it was given one view alone.
+    """
     met = [curve for curve in curves if curve.found.met]
     answer = [
         f"The PSF that the scene tells lies within {PSF_OFF:g} HR pixels of the true σ and "
@@ -148,25 +170,42 @@ def chapter(curves: Sequence[SigmaCurve], crops: Sequence[Figure]) -> Chapter:
                 f"found {found.sigma:.2f}, {found.loss:.2f} dB lost."
                 + (f" {found.remark}." if found.remark else "")
             )
-    figures = [
-        Figure(
-            caption=f"{scene}: PSNR of the left eye over the σ that is assumed (Figure 18); "
-            "broken lines mark the σ that --psf auto finds for the curve of their colour.",
-            content=lines(
-                {_name(curve): (curve.sigmas, curve.psnr) for curve in curves
-                 if curve.scene == scene},
-                x_label="assumed σ_psf, HR pixels", y_label="PSNR, dB",
-                marks_of_curves=[curve.found.sigma for curve in curves if curve.scene == scene],
-            ),
+    judged = [curve.found for curve in curves if curve.scene in PSF_SCENES]
+    figures = []
+    for scene in dict.fromkeys(curve.scene for curve in curves):
+        of_scene = [curve for curve in curves if curve.scene == scene]
+        of_sigma = {_name(curve): (curve.sigmas, curve.psnr) for curve in of_scene}
+        of_support = {_name(curve): (curve.supports, curve.psnr_of_supports) for curve in of_scene}
+        figures.append(
+            Figure(
+                scene=scene,
+                caption=f"{scene}: PSNR of the left eye over the σ that is assumed (Figure 18); "
+                "broken lines mark the σ that --psf auto finds for the curve of their colour.",
+                content=lines(
+                    of_sigma,
+                    x_label="assumed σ_psf, HR pixels",
+                    y_label="PSNR, dB",
+                    marks_of_curves=[curve.found.sigma for curve in of_scene],
+                ),
+            )
         )
-        for scene in dict.fromkeys(curve.scene for curve in curves)
-    ]  # fmt: skip
+        figures.append(
+            Figure(
+                scene=scene,
+                caption=f"{scene}: the same over the support that is assumed, at the true σ.",
+                content=lines(of_support, x_label="assumed support, HR pixels", y_label="PSNR, dB"),
+            )
+        )
     return Chapter(
         key="psf",
         title="The point spread function (Figures 17 and 18)",
         question="What does a wrong PSF cost, and can the scene tell the right one?",
         answer=answer,
         tables=[
+            (
+                "The bars of --psf auto, on " + ", ".join(dict.fromkeys(f.scene for f in judged)),
+                verdict_table(psf_floors(judged, of_one_view) if judged else ()),
+            ),
             ("PSF found by the scene itself", _estimate_table([curve.found for curve in curves])),
             ("PSNR over the support that is assumed, true σ, dB", _support_table(curves)),
         ],

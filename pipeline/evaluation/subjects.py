@@ -18,14 +18,15 @@ import numpy.typing as npt
 from pipeline.config import Settings
 from pipeline.degradation import Degradation, DegradedFrame
 from pipeline.errors import ConfigurationError
-from pipeline.evaluate import BORDER, degraded_input
+from pipeline.evaluate import BORDER, degraded_input, settings_of
+from pipeline.evaluation.methods import MethodRun, timed_run
 from pipeline.frames import Mask, MultiViewFrame, Positions
 from pipeline.grid import Grid
 from pipeline.media.source import open_scene
 from pipeline.metrics import SSIM_WINDOW
 from pipeline.registration.method import METHODS
 from pipeline.registration.register import Thresholds, prepare_views, register_views
-from pipeline.superresolve import default_weight_threshold
+from pipeline.superresolve import RegisteredFrame, default_weight_threshold, register_frame
 from pipeline.synthetic import SampleScene, SampleTruth
 
 SAMPLE = "sample"
@@ -60,6 +61,7 @@ class Subject:
     settings: Settings = field(default_factory=Settings)
     """Of all methods; grid and PSF follow the degradation."""
     _kept: dict[Degradation, DegradedFrame] = field(default_factory=dict, repr=False)
+    _runs: dict[tuple[str, Degradation, str], MethodRun] = field(default_factory=dict, repr=False)
 
     @property
     def is_rendered(self) -> bool:
@@ -97,6 +99,20 @@ class Subject:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[degradation] = self._degrade(degradation)
         return self._kept[degradation]
+
+    def run(self, method: str, degradation: Degradation, eye: str) -> MethodRun:
+        """Return what a method makes of one eye; it is run once, whoever asks."""
+        key = (method, degradation, eye)
+        if key not in self._runs:
+            degraded = self.degraded(degradation)
+            settings = settings_of(degradation, self.settings)
+            self._runs[key] = timed_run(method, degraded, settings, eye)
+        return self._runs[key]
+
+    def registered(self, degradation: Degradation) -> RegisteredFrame:
+        """Return all views registered onto the left eye, to be reconstructed in several ways."""
+        settings = settings_of(degradation, self.settings)
+        return register_frame(self.degraded(degradation).frame, settings, targets=(self.eyes[0],))
 
     def _degrade(self, degradation: Degradation) -> DegradedFrame:
         if self.frame is not None:

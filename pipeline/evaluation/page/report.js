@@ -32,6 +32,7 @@
 
   const scene = () => scenes[element("scene").selectedIndex];
   const zoom = () => Number(element("zoom").value);
+  const whole = () => zoom() === 1;
 
   function chooseScene() {
     const names = Object.keys(scene().left);
@@ -84,6 +85,7 @@
     const first = element("first").value;
     const second = element("second").value;
     const { width, height } = canvas;
+    canvas.style.touchAction = whole() ? "pan-y" : "none";
     clear();
     if (mode === "slider") {
       const line = Math.round(Number(element("divider").value) * width);
@@ -128,6 +130,16 @@
     draw();
   }
 
+  function divide(x) {
+    element("divider").value = x;
+    draw();
+  }
+
+  function magnify(step) {
+    element("zoom").value = zoom() + step;
+    draw();
+  }
+
   function position(event) {
     const box = canvas.getBoundingClientRect();
     return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
@@ -136,34 +148,41 @@
   let held = null;
   canvas.addEventListener("pointerdown", (event) => {
     const [x, y] = position(event);
-    const divider = element("divider");
-    const onLine = element("mode").value === "slider" && Math.abs(x - divider.value) < 0.02;
-    held = { x, y, divider: onLine };
+    const near = whole() || Math.abs(x - element("divider").value) < 0.02;
+    held = { x, y, divider: near && element("mode").value === "slider" };
     canvas.setPointerCapture(event.pointerId);
+    if (held.divider) divide(x);
   });
   canvas.addEventListener("pointermove", (event) => {
     if (!held) return;
     const [x, y] = position(event);
     if (held.divider) {
-      element("divider").value = x;
-      draw();
+      divide(x);
     } else {
       move(held.x - x, held.y - y);
       held = { ...held, x, y };
     }
   });
   canvas.addEventListener("pointerup", () => { held = null; });
+  canvas.addEventListener("pointercancel", () => { held = null; });
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
-    element("zoom").value = zoom() + (event.deltaY < 0 ? 0.5 : -0.5);
-    draw();
+    magnify(event.deltaY < 0 ? 0.5 : -0.5);
   }, { passive: false });
   canvas.addEventListener("keydown", (event) => {
     const steps = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1],
                     ArrowDown: [0, 0.1] };
-    if (!(event.key in steps)) return;
+    const factors = { "+": 0.5, "=": 0.5, "-": -0.5 };
+    if (event.key in factors) {
+      magnify(factors[event.key]);
+    } else if (event.key in steps && whole()) {
+      divide(Number(element("divider").value) + steps[event.key][0] / 5);
+    } else if (event.key in steps) {
+      move(...steps[event.key]);
+    } else {
+      return;
+    }
     event.preventDefault();
-    move(...steps[event.key]);
   });
   for (const id of ["first", "second", "mode", "zoom", "divider"]) {
     element(id).addEventListener("input", draw);

@@ -12,8 +12,9 @@ import scipy.io
 from pipeline.config import Settings
 from pipeline.errors import ConfigurationError
 from pipeline.evaluation import home_ground, networks, peers, rivals, vidsr
-from pipeline.evaluation.methods import fidelity
-from pipeline.evaluation.rivals import Given
+from pipeline.evaluation.kept import made_once
+from pipeline.evaluation.methods import Accounted, fidelity
+from pipeline.evaluation.rivals import Given, Peer
 from pipeline.superresolve import superresolve
 from tests.support.needed import absent
 
@@ -101,6 +102,37 @@ def rows(subject):
         patch.setattr(networks, "package_path", lambda package: None)
         patch.setattr(vidsr, "package_path", lambda package: None)
         return peers.measure_peers(subject, peers.input_kinds((1.0,), (2.0,)))
+
+
+def test_what_a_network_made_is_kept_for_the_same_weights_picture_and_noise(tmp_path, monkeypatch):
+    monkeypatch.delenv("DEPTHSR_SRMD_PCA", raising=False)
+    monkeypatch.setenv("DEPTHSR_PEERS", str(tmp_path))
+    weights = tmp_path / "maker" / "model.bin"
+    weights.parent.mkdir()
+    weights.write_bytes(b"one")
+    weights.with_suffix(".param").write_bytes(b"layers")
+    network = networks.Network(package="maker", path="model", input="in", output="out")
+    peer = Peer(name="p", run=lambda image, given: image, missing=str, networks=(network,))
+    image, made = waves((8, 12), 0.0), []
+
+    def make():
+        made.append(1)
+        return Accounted(
+            result=np.full((16, 24), len(made), np.uint8), seconds=0.5, cpu_seconds=0.7,
+            memory_mib=float("nan"),
+        )  # fmt: skip
+
+    def asked(peer=peer, image=image, given=GIVEN, folder=tmp_path / "kept"):
+        found = made_once(peer, image, given, folder, make)
+        assert (found.seconds, found.cpu_seconds) == (0.5, 0.7)
+        return int(found.result[0, 0])
+
+    assert [asked(), asked()] == [1, 1]
+    assert asked(image=image + 1) == 2
+    assert asked(given=replace(GIVEN, noise=2.0)) == 3
+    weights.write_bytes(b"two")
+    assert [asked(), asked()] == [4, 4]
+    assert [asked(folder=None), asked(peer=replace(peer, networks=()))] == [5, 6]
 
 
 def test_absent_packages_say_so_and_the_others_are_measured(rows):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,10 +13,19 @@ import pytest
 from pipeline.evaluation.elements import Chapter, Comparison, Figure
 from pipeline.evaluation.plan import Plan
 from pipeline.evaluation.plots import bars, lines, png
-from pipeline.evaluation.report import Origin, evaluate_all, report_page, write_report
+from pipeline.evaluation.report import (
+    LONG_TABLE,
+    Origin,
+    evaluate_all,
+    report_page,
+    write_page,
+    write_report,
+)
 from pipeline.evaluation.tables import Table
 
-ORIGIN = Origin(command="depthsr evaluate all sample", scenes=("sample",), machine="a", seconds=90)
+ORIGIN = Origin(
+    command="depthsr evaluate all sample", scenes=("sample",), machine="a", cpu_seconds=90
+)
 
 
 def _chapter() -> Chapter:
@@ -66,6 +76,27 @@ def test_numbers_are_kept_as_json_and_csv(tmp_path):
         assert list(csv.reader(stream)) == [["a", "b"], ["x, y", "1.5"]]
 
 
+def test_a_page_shows_no_photograph(tmp_path):
+    chapter = _chapter()
+    shown = [
+        replace(figure, scene=scene)
+        for figure, scene in zip(chapter.figures, ("", "flower", "sample"), strict=True)
+    ]
+    long = Table(head=("a",), rows=(("x",),) * (LONG_TABLE + 1))
+    chapter = replace(chapter, figures=shown, tables=[*chapter.tables, ("Long", long)])
+    page, *pictures = write_page(tmp_path / "docs" / "measured.md", [chapter], ORIGIN)
+    assert [path.name for path in pictures] == ["measured-made-1.svg", "measured-made-2.png"]
+    assert pictures[1].read_bytes() == shown[2].content
+    text = page.read_text(encoding="utf-8")
+    assert re.findall(r"!\[(.*?)\]\((.*?)\)", text) == [
+        ("One", "images/measured-made-1.svg"), ("Three", "images/measured-made-2.png")
+    ]  # fmt: skip
+    assert ORIGIN.command in text
+    folded = text[text.index("<details>") : text.index("</details>")]
+    assert folded.count("| x |") == LONG_TABLE + 1
+    assert "Numbers, a table" not in folded
+
+
 def test_plots_are_the_same_bytes_for_the_same_numbers():
     first, second = (
         lines({"c": ([0, 1], [2, 3])}, x_label="x", y_label="y", marks={"here": 0.5})
@@ -111,6 +142,14 @@ def test_the_gallery_works_from_disk(report, browser_page):
     before = page.evaluate(pixel, [300, 400])
     page.locator("#first").select_option("original")
     assert page.evaluate(pixel, [300, 400]) != before
+    value = "(name) => Number(document.getElementById(name).value)"
+    page.locator("#canvas").focus()
+    page.keyboard.press("ArrowRight")
+    assert page.evaluate(value, "divider") == pytest.approx(0.52, abs=0.003)
+    page.keyboard.press("+")
+    assert page.evaluate(value, "zoom") == 1.5
+    page.keyboard.press("ArrowLeft")  # moves the picture
+    assert page.evaluate(value, "divider") == pytest.approx(0.52, abs=0.003)
     page.locator("#mode").select_option("anaglyph")
     page.wait_for_function(
         "() => { const c = document.getElementById('canvas').getContext('2d');"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ import pytest
 from pipeline.config import Settings
 from pipeline.degradation import Degradation
 from pipeline.errors import ConfigurationError
+from pipeline.evaluate import BORDER
 from pipeline.evaluation import ablations, fidelity, registrations, sensitivity, spectra
+from pipeline.evaluation.methods import fidelity as fidelity_of
 from pipeline.evaluation.subjects import open_subject
 from pipeline.synthetic import SampleScene, write_scene
 
@@ -75,7 +78,7 @@ def test_methods_of_table_1_are_measured_against_true_motion(subject):
 def _row(method: str, weight: float, layers: int = 1, subregions: int = 1):
     return registrations.MethodRow(
         scene="s", method=method, layers=layers, subregions=subregions, verified=0.5,
-        registered=1.0, median_weight=weight, rms_weight=weight, seconds=0.1, errors=None,
+        registered=1.0, median_weight=weight, rms_weight=weight, cpu_seconds=0.1, errors=None,
     )  # fmt: skip
 
 
@@ -115,7 +118,22 @@ def test_the_curve_over_the_assumed_psf_is_highest_near_the_true_one(subject):
     assert curve.psnr_of_supports[1] > curve.psnr_of_supports[0]
     assert curve.found.true_psnr == curve.psnr[1]
     assert curve.found.met
+    assert curve.psnr[1] == _psnr_of_default(subject, Degradation(psf_sigma=1.0))
     assert figure.content.startswith(b"\x89PNG")
+
+
+def _psnr_of_default(subject, degradation):
+    eye = subject.eyes[0]
+    run = subject.run("default", degradation, eye)
+    return fidelity_of(run.image, subject.degraded(degradation).truth[eye], BORDER).psnr
+
+
+def test_a_method_is_run_once_whoever_asks(subject):
+    degradation, eye = Degradation(psf_sigma=1.0, noise_sigma=2.0), subject.eyes[0]
+    first = subject.run("default", degradation, eye)
+    assert subject.run("default", degradation, eye) is first
+    assert subject.run("default", replace(degradation, seed=2), eye) is not first
+    assert subject.run("bicubic", degradation, eye) is not first
 
 
 def test_without_a_piece_something_is_lost(subject):
@@ -123,6 +141,7 @@ def test_without_a_piece_something_is_lost(subject):
     by_name = {(row.group, row.name): row.psnr for row in found}
     whole = by_name[("piece", ablations.WHOLE)]
     assert by_name[("piece", "no weights, no verification")] < whole
+    assert whole == _psnr_of_default(subject, ablations.DEGRADATION)
     assert by_name[("views", "1")] < by_name[("views", "2")] < by_name[("views", "3")]
     assert ("piece", "no calibration") not in by_name
     assert any("more views bring" in sentence for sentence in ablations.chapter(found, []).answer)
