@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 
-STAGES = ("wait", "decode", "superresolve", "pack", "encode", "publish", "total")
-"""From the arrival of a frame's last part to its publication, in order; ``total`` is all of it."""
+STAGES = ("wait", "decode", "superresolve", "pack", "encode", "publish", "pictures", "total")
+"""From the arrival of a frame's last part to its publication, in order; ``total`` is all of it but
+``pictures``, which come after it."""
 
 KEEP = 100
 """Frames that count."""

@@ -53,7 +53,7 @@ class Sent:
     """What sending one frame took."""
 
     seconds: Mapping[str, float]
-    """By stage: pack, encode, publish."""
+    """By stage: pack, encode, publish; pictures is what follows the access unit."""
     bytes: int
     """Of the access units."""
     size: tuple[int, int]
@@ -137,13 +137,15 @@ class Outlets:
             size += len(unit.annex_b)
             if unit.is_key:
                 self._last_key = packed
+        published = self._clock()
         self._to_service("mp4", encoder.take_mp4())
         self._send_stills(frame, both)
         self._send_observed(frame, key=is_key)
         seconds = {
             "pack": packed - begin,
             "encode": encoded - packed,
-            "publish": self._clock() - encoded,
+            "publish": published - encoded,
+            "pictures": self._clock() - published,
         }
         return Sent(seconds=seconds, bytes=size, size=(width, height))
 

@@ -280,7 +280,7 @@ class StreamSession:
             "decode": marks[2] - marks[1],
             "superresolve": marks[3] - marks[2],
             **sent.seconds,
-            "total": end - marks[0],
+            "total": end - sent.seconds["pictures"] - marks[0],
         }
         if progress.frames_done:  # the first one compiles and starts cold
             self._controller.end(choice, end - marks[1])

@@ -67,7 +67,7 @@ def test_a_scene_is_published_served_and_received(make_stage, tiny_scene, expect
     status = stage.status("tiny")["status"]
     assert status["frames_failed"] == 0
     assert set(status["latency"]) == {
-        "wait", "decode", "superresolve", "pack", "encode", "publish", "total"
+        "wait", "decode", "superresolve", "pack", "encode", "publish", "pictures", "total"
     }  # fmt: skip
     assert "side by side" in _probe(target)
     cameras.send_signal(signal.SIGINT)
