@@ -45,7 +45,7 @@ from dscqs.session import (
 )
 from dscqs.shelf import Shelf
 from dscqs.store import SessionRecord, SessionStore, TestRecord
-from dscqs.views import presentation_view, progress_view, reason_of, state_view
+from dscqs.views import note_of, presentation_view, progress_view, reason_of, state_view
 
 ACTIONS: dict[str, type] = {
     "pause": Paused, "resume": Resumed, "withdraw": Withdrawn, "erase": Erased
@@ -80,7 +80,7 @@ class Live:
         if isinstance(event, Joined):
             self.has_joined = True
         elif isinstance(event, Noted):
-            self._note({"at": at, "kind": event.kind})
+            self._note({"at": at, "kind": event.kind, "reason": note_of(event.detail)})
         elif isinstance(event, Shown) and event.outcome == "failed":
             self._note({"at": at, "kind": "failed", "reason": reason_of(event.log)})
 

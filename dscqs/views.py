@@ -91,3 +91,10 @@ def reason_of(log: Mapping[str, Any]) -> str:
         if isinstance(fault, Mapping)
     ]
     return "; ".join(said[:3])
+
+
+def note_of(detail: Mapping[str, Any]) -> str:
+    """Return what a note of the page says: codes of what is wrong with the display, or a text."""
+    codes = detail.get("codes")
+    said = codes if isinstance(codes, list) else [detail.get("message", "")]
+    return ", ".join(str(one) for one in said)[:200]

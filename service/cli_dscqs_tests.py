@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import os
 from collections.abc import Callable
@@ -10,10 +11,15 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+from pipeline.config import Settings
 from service.console import EXIT_DONE, EXIT_FAILURE
+from service.options import add_options
 from service.terminal import say
 
 SERVER = "http://127.0.0.1:8000"
+
+GRID_OPTIONS = ("magnification", "sampling")
+"""Settings that say where the pixels of a result lie."""
 
 
 def add_tests(subcommands: Any) -> None:
@@ -72,7 +78,8 @@ def _add_stimuli(subcommands: Any) -> None:
     parser.add_argument(
         "sources", nargs="+", type=_source, metavar="CONTENT/CONDITION=SOURCE",
         help="a folder of left-*.png and right-*.png (run --frames-dir), lossless video "
-        "(--codec ffv1), a side-by-side PNG, or job:ID",
+        "(--codec ffv1), a side-by-side PNG, job:ID, or bicubic:SCENE (what was observed, "
+        "enlarged)",
     )  # fmt: skip
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FOLDER", help="where they go"
@@ -92,6 +99,12 @@ def _add_making(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fps", type=Fraction, metavar="N", help="frame rate of clips made of pictures"
     )
+    add_options(
+        parser.add_argument_group("bicubic:SCENE, as its results were made"), Settings,
+        leave_out=[
+            item.name for item in dataclasses.fields(Settings) if item.name not in GRID_OPTIONS
+        ],
+    )  # fmt: skip
     add_server(parser, "bearer token, for job:ID")
     add_verbose(parser)
 
@@ -210,8 +223,13 @@ def _make(arguments: argparse.Namespace, out: Path) -> None:
 
     make_stimuli(
         dict(arguments.sources), out, kind=arguments.kind, frame=arguments.frame,
-        fps=arguments.fps, fetch=_fetcher(arguments), say=say,
+        fps=arguments.fps, grid=_grid(arguments), fetch=_fetcher(arguments), say=say,
     )  # fmt: skip
+
+
+def _grid(arguments: argparse.Namespace) -> Any:
+    given = {name: value for name, value in vars(arguments).items() if name in GRID_OPTIONS}
+    return Settings(**given).grid
 
 
 def _fetcher(arguments: argparse.Namespace) -> Callable[[str, Path], Path]:
@@ -274,8 +292,10 @@ def _run_plan(arguments: argparse.Namespace) -> int:
         },
     )
     write_plan(arguments.output, plan)
+    count = len(plan.contents)
     say(
-        f"{arguments.output}: {len(plan.contents)} contents, {plan.presentations} presentations, "
+        f"{arguments.output}: {count} content{'s' * (count != 1)}, "
+        f"{plan.presentations} presentations, "
         f"{plan.session_s / 60:.1f} minutes a session"
     )
     return EXIT_DONE

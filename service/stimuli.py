@@ -23,10 +23,16 @@ import numpy as np
 from dscqs.errors import StimulusError
 from dscqs.pixel_hash import PixelHash, hash_frames
 from dscqs.stimulus import digest, inspect
+from pipeline.baselines import bicubic
+from pipeline.colour import to_rgb
+from pipeline.config import Settings
+from pipeline.frames import MultiViewFrame
+from pipeline.grid import Grid
 from pipeline.media.files import write_atomic
 from pipeline.media.images import read_image
 from pipeline.media.lossless import RgbImage, open_lossless, to_8_bits, write_lossless_webm
 from pipeline.media.png import encode_png
+from pipeline.media.source import open_scene
 
 MANIFEST = "stimuli.json"
 FORMAT = "depthsr-stimuli"
@@ -71,6 +77,7 @@ def make_stimuli(
     kind: str = "still",
     frame: int = 0,
     fps: Fraction | None = None,
+    grid: Grid | None = None,
     fetch: Callable[[str, Path], Path] | None = None,
     say: Callable[[str], object] = lambda _: None,
 ) -> list[Made]:
@@ -80,7 +87,8 @@ def make_stimuli(
     ----------
     sources : mapping
         What each ``content/condition`` is made of: a folder of ``left-*.png`` and
-        ``right-*.png`` (``--frames-dir``), lossless video, a side-by-side PNG, or ``job:ID``.
+        ``right-*.png`` (``--frames-dir``), lossless video, a side-by-side PNG, ``job:ID``, or
+        ``bicubic:SCENE``: both eyes of a scene as they were observed, enlarged.
     out : Path
         Folder; made if it is not there. What its manifest has of other stimuli stays.
     kind : str
@@ -89,6 +97,8 @@ def make_stimuli(
         Which frame a still is, counted from 0 within its source.
     fps : Fraction or None
         Frame rate of clips made of pictures.
+    grid : Grid or None
+        What ``bicubic:SCENE`` is enlarged onto; None: as results are unless told otherwise.
     fetch : callable
         Downloads the lossless result of a job into a folder, and returns where it lies.
     say : callable
@@ -106,7 +116,7 @@ def make_stimuli(
     out.mkdir(parents=True, exist_ok=True)
     made = []
     for key, source in sources.items():
-        with _opened(source, fetch) as clip:
+        with _opened(source, fetch, grid or Settings().grid) as clip:
             made.append(_make(key, source, clip, out, kind, frame, fps or clip.fps))
         say(f"{made[-1].file}: {made[-1].width}×{made[-1].height}, {made[-1].frames} frames")
     _check_alike(made)
@@ -162,8 +172,12 @@ def _make(
 
 
 @contextmanager
-def _opened(source: str, fetch: Callable[[str, Path], Path] | None) -> Iterator[Clip]:
-    if source.startswith("job:"):
+def _opened(source: str, fetch: Callable[[str, Path], Path] | None, grid: Grid) -> Iterator[Clip]:
+    if source.startswith("bicubic:"):
+        with open_scene(source.removeprefix("bicubic:")) as scene:
+            yield Clip(frames=(_enlarged(frame, grid) for frame in scene.frames()),
+                       fps=scene.info.fps)  # fmt: skip
+    elif source.startswith("job:"):
         if fetch is None:
             raise StimulusError(f"{source}: no service was named")
         with tempfile.TemporaryDirectory() as folder:
@@ -181,6 +195,17 @@ def _open(path: Path) -> Clip:
         raise StimulusError(f"{path}: is neither a folder nor a file")
     clip = open_lossless(path)
     return Clip(frames=_side_by_side(path, clip.stereo_mode, clip.frames()), fps=clip.fps)
+
+
+def _enlarged(frame: MultiViewFrame, grid: Grid) -> RgbImage:
+    eyes = [frame.view(view_id) for view_id in (frame.left, frame.right)]
+    pictures = [
+        to_rgb(
+            bicubic(eye.luma, grid), None if eye.chroma is None else bicubic(eye.chroma, grid), 8
+        )
+        for eye in eyes
+    ]
+    return np.concatenate(pictures, axis=1)
 
 
 def _pictures(folder: Path) -> Iterator[RgbImage]:

@@ -22,7 +22,10 @@ try {
 } catch (error) {
   const isOut = error instanceof ApiError && error.status === 401;
   show(main, "calibrate", el("h1", { text: "Calibrate a display" }),
-    el("p", { text: isOut ? "Log in as an operator first, on the operator's page." : error.message }));
+    isOut
+      ? el("p", {}, "Log in as an operator first, on ",
+        el("a", { href: "operator.html", text: "the operator's page" }), ", then load this page again.")
+      : el("p", { text: error.message }));
 }
 
 async function begin(profiles) {
@@ -93,7 +96,10 @@ function page(profiles, form, stage, render) {
       button("Take the size of this screen", async () => {
         await stage.fill();
         const seen = await stage.environment.observe(stage.drawing);
-        if (seen.canvas) [profile.width_px, profile.height_px] = seen.canvas;
+        if (seen.canvas) {
+          [profile.width_px, profile.height_px] = seen.canvas;
+          profile.title = profile.title.replace(/\d+ × \d+/, seen.canvas.join(" × "));
+        }
         render();
       })),
     card(profile, () => render()),
@@ -119,7 +125,7 @@ function state({ swap, phase, crosstalk }) {
     "The space bar or a click ends a pattern.";
 }
 
-/** Show one pattern on the full screen until it is left; resolves with what is wrong, or null. */
+/** Show one pattern on the full screen until it is left; resolves with what is or may be wrong, or null. */
 async function look(name, profile, stage) {
   await stage.fill();
   stage.profile = profile;
@@ -177,7 +183,8 @@ async function look(name, profile, stage) {
   stage.reveal(false);
   stage.drawing.free(source);
   if (name === "crosstalk") profile.crosstalk = Math.round(1e5 * lightOf(level)) / 1e5;
-  return null;
+  const warned = warnings(profile, seen).filter((one) => one.code !== "not-calibrated");
+  return warned.length ? [reasonList(warned, texts.display)] : null;
 }
 
 function nearestLevel(part) {

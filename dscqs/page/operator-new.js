@@ -20,17 +20,22 @@ function field(label, input) {
   return el("label", { class: "field" }, el("span", { text: label }), input);
 }
 
+function counted(number, what) {
+  return `${number} ${what}${number === 1 ? "" : "s"}`;
+}
+
 function select(name, options) {
   return el("select", { name }, options.map(([value, text]) => el("option", { value, text })));
 }
 
-function checks(name, legend, options, checked) {
+function checks(name, legend, options, checked, shape = null) {
   return el("fieldset", { class: "wide" },
     el("legend", { text: legend }),
-    options.map(([value, text]) =>
-      el("label", {},
-        el("input", { type: "checkbox", name, value, checked: checked.includes(value) }),
-        el("span", { text }))));
+    el("div", { class: shape },
+      options.map(([value, text]) =>
+        el("label", {},
+          el("input", { type: "checkbox", name, value, checked: checked.includes(value) }),
+          el("span", { text })))));
 }
 
 /** Show the form; the test that it makes is opened. */
@@ -60,7 +65,7 @@ export async function newTest(context, main) {
     summary.classList.toggle("wrong", plan === null);
     summary.textContent = plan === null
       ? tried.message
-      : `${plan.contents.length} contents × ${plan.conditions.length} conditions against `
+      : `${counted(plan.contents.length, "content")} × ${counted(plan.conditions.length, "condition")} against `
         + `“${plan.reference}”: ${tried.presentations} presentations, ${tried.minutes} minutes a session`;
   };
   let timer = 0;
@@ -84,13 +89,15 @@ export async function newTest(context, main) {
 
 function describe(making) {
   const templates = Object.entries(making.templates);
-  const displays = Object.entries(making.displays);
+  const here = new Set(making.calibrated);
+  const displays = Object.entries(making.displays)
+    .sort(([one], [other]) => here.has(other) - here.has(one));
   return el("form", {},
     field("Stimuli", select("folder", making.folders.map((one) =>
       [one.folder, `${one.label} (${one.contents.length} × ${one.conditions.length}, ${one.kind}s)`]))),
     field("Template", select("template", templates.map(([key, one]) => [key, one.title]))),
     field("Name", el("input", { name: "name", maxlength: 200, placeholder: "as the template" })),
-    checks("displays", "Displays", displays.map(([key, title]) => [key, `${key} – ${title}`]), ["polarised"]),
+    checks("displays", "Displays", displays.map(([key, title]) => [key, `${key} – ${title}`]), [displays[0][0]], "options"),
     checks("dimensions", "Graded", making.dimensions.map((key) => [key, key]), ["quality"]),
     field("Training contents", el("input", { name: "training", placeholder: "content, content" })),
     NUMBERS.map(([name, text, value, min, max]) =>

@@ -15,27 +15,29 @@ const STAGES = {
 };
 const EXPORTS = [
   ["csv", "Votes (CSV)"], ["scores", "Scores (JSON)"], ["html", "Report (HTML)"],
-  ["pdf", "Report (PDF)"], ["json", "Everything (JSON)"],
+  ["pdf", "Report (PDF)"], ["json", "Everything (JSON)"], ["sujson", "Votes (suJSON)"],
 ];
 
 /** Show a test until `signal` ends it. */
 export async function oneTest(context, main, id, signal) {
-  const { api, attempt } = context;
+  const { api, attempt, follow } = context;
   const test = await attempt(() => api.get(`tests/${id}`));
   if (!test) return;
   const links = el("div", { class: "links" });
   const sessions = el("div", { class: "scroll" });
+  const shown = new Map();
+  const refresh = async () => {
+    const rows = await follow(() => api.get(`tests/${id}/progress`));
+    if (rows && !signal.aborted) renew(sessions, shown, rows, (row) => line(context, id, row, refresh));
+  };
   show(main, "test",
     el("h1", { text: test.name }),
     facts(test),
     el("section", {}, el("h2", { text: "Sessions" }), sessions),
     el("section", {}, el("h2", { text: "Let somebody in" }), invitation(context, test, links), links),
-    el("section", {}, el("h2", { text: "Results" }), downloads(id)));
+    el("section", {}, el("h2", { text: "Results" }), downloads(test)));
   while (!signal.aborted) {
-    if (!main.contains(document.activeElement?.closest?.("table"))) {
-      const rows = await attempt(() => api.get(`tests/${id}/progress`));
-      if (rows && !signal.aborted) sessions.replaceChildren(table(context, id, rows));
-    }
+    await refresh();
     await new Promise((resolve) => setTimeout(resolve, POLL_MS));
   }
 }
@@ -52,22 +54,52 @@ function facts(test) {
     said.map(([name, value]) => el("span", {}, `${name} `, el("b", { text: String(value) }))));
 }
 
-function table(context, test, rows) {
-  if (rows.length === 0) return el("p", { class: "muted", text: "Nobody was let in yet." });
-  const heads = ["Assessor", "Display", "Stage", "Progress", "Last heard", "Warnings", ""];
-  return el("table", {},
-    el("thead", {}, el("tr", {}, heads.map((text) =>
-      el(text ? "th" : "td", { text, scope: text ? "col" : null })))),
-    el("tbody", {}, rows.map((row) => line(context, test, row))));
+/**
+ * Bring the table of sessions up to date: only rows that changed are made anew, and the keyboard
+ * stays where it was. `shown` keeps {said, element} of each session.
+ */
+function renew(place, shown, rows, make) {
+  if (rows.length === 0) {
+    place.replaceChildren(el("p", { class: "muted", text: "Nobody was let in yet." }));
+    return;
+  }
+  const focused = document.activeElement?.getAttribute("aria-label");
+  for (const row of rows) {
+    const said = JSON.stringify(row);
+    if (shown.get(row.session)?.said !== said) shown.set(row.session, { said, element: make(row) });
+  }
+  const wanted = rows.map((row) => shown.get(row.session).element);
+  const body = place.querySelector("tbody") ?? emptyTable(place);
+  wanted.forEach((element, at) => {
+    const present = body.children[at];
+    if (present === undefined) body.append(element);
+    else if (present !== element) present.replaceWith(element);
+  });
+  if (focused && document.activeElement === document.body) {
+    [...body.querySelectorAll("button")]
+      .find((one) => one.getAttribute("aria-label") === focused)?.focus();
+  }
 }
 
-function line(context, test, row) {
+function emptyTable(place) {
+  const heads = ["Assessor", "Display", "Stage", "Progress", "Last heard", "Warnings", ""];
+  const body = el("tbody");
+  place.replaceChildren(el("table", {},
+    el("thead", {}, el("tr", {}, heads.map((text) =>
+      el(text ? "th" : "td", { text, scope: text ? "col" : null })))),
+    body));
+  return body;
+}
+
+function line(context, test, row, refresh) {
+  const act = (...asked) => action(context, test, row, refresh, ...asked);
   const isOver = row.stage === "withdrawn" || row.stage === "thanks";
+  const isHere = row.joined || ["paused", "withdrawn"].includes(row.stage);
   const what = row.role === "station" ? "" : ` (${row.role})`;
   return el("tr", {},
     el("td", {}, el("b", { text: row.assessor }), what),
     el("td", { text: row.display }),
-    el("td", { text: row.joined ? STAGES[row.stage] : "not there yet" }),
+    el("td", { text: isHere ? STAGES[row.stage] : "not there yet" }),
     el("td", { class: "number" },
       el("progress", { max: Math.max(row.total, 1), value: row.stage === "thanks" ? row.total : row.index,
         "aria-label": `progress of ${row.assessor}` }),
@@ -75,55 +107,63 @@ function line(context, test, row) {
     el("td", { text: row.last ? new Date(row.last * 1000).toLocaleTimeString("en-GB") : "–" }),
     el("td", {}, warnings(row)),
     el("td", {}, el("div", { class: "actions" },
-      row.stage === "paused"
-        ? action(context, test, row, "resume", "Resume")
-        : action(context, test, row, "pause", "Pause", isOver),
-      action(context, test, row, "withdraw", "Withdraw", isOver,
+      row.stage === "paused" ? act("resume", "Resume") : act("pause", "Pause", isOver),
+      act("withdraw", "Withdraw", isOver,
         `End the session of ${row.assessor} for good? Votes are kept, and marked.`),
-      action(context, test, row, "erase", "Erase", false,
+      act("erase", "Erase", false,
         `Erase the answers of the forms of ${row.assessor} for good? Votes are kept.`))));
 }
 
 function warnings(row) {
   const said = row.notes.map((note) =>
-    el("div", { class: "warning", text: note.reason ? `failed: ${note.reason}` : note.kind }));
+    el("div", { class: "warning", text: note.reason ? `${note.kind}: ${note.reason}` : note.kind }));
   if (row.failed) said.unshift(el("div", { class: "bad", text: row.failed === 1 ? "1 failed showing" : `${row.failed} failed showings` }));
   return said.length ? said.slice(0, 3) : [el("span", { class: "muted", text: "none" })];
 }
 
-function action({ api, attempt, open }, test, row, name, text, isDisabled = false, question = "") {
+function action({ api, attempt }, test, row, refresh, name, text, isDisabled = false, question = "") {
   return button(text, async () => {
     if (question && !confirm(question)) return;
     await attempt(() => api.post(`tests/${test}/sessions/${row.session}/${name}`, {}));
-    await open(test);
+    await refresh();
   }, { class: "small", disabled: isDisabled, "aria-label": `${text}: ${row.assessor} on ${row.display}` });
 }
 
 function invitation(context, test, links) {
-  const { api, attempt } = context;
+  const { api, attempt, say } = context;
   const ask = async (event) => {
     event.preventDefault();
     const said = new FormData(form);
     const codes = said.get("assessors").split(/[\s,]+/).filter(Boolean);
     const common = { display: said.get("display"), language: said.get("language") };
+    const send = (where, asked) =>
+      attempt(() => api.post(`tests/${test.test}/${where}`, { ...common, ...asked }));
     const how = event.submitter.value;
-    links.replaceChildren();
-    if (how === "group") {
-      const made = await attempt(() => api.post(`tests/${test.test}/groups`, { ...common, assessors: codes }));
+    if (how === "dry") {
+      const made = await send("dry-run", { assessor: "dry-run" });
+      if (made) await add("Dry run: nothing is stored", common.display, made.link, false);
+    } else if (codes.length === 0) {
+      say("Whom? Enter the code of an assessor first.");
+    } else if (how === "group") {
+      const made = await send("groups", { assessors: codes });
       if (!made) return;
-      await add("The screen", made.screen, false);
-      for (const [code, link] of Object.entries(made.phones)) await add(code, link, true);
-      return;
-    }
-    const where = how === "dry" ? "dry-run" : "links";
-    for (const assessor of how === "dry" ? ["dry-run"] : codes) {
-      const made = await attempt(() => api.post(`tests/${test.test}/${where}`, { ...common, assessor }));
-      if (!made) return;
-      if (how === "dry") await add("Dry run: nothing is stored", made.link, false);
-      else await add(assessor, made.link, true);
+      await add("The screen", common.display, made.screen, false);
+      for (const [code, link] of Object.entries(made.phones)) await add(code, common.display, link, true);
+    } else {
+      for (const assessor of codes) {
+        const made = await send("links", { assessor });
+        if (!made) return;
+        await add(assessor, common.display, made.link, true);
+      }
     }
   };
-  const add = async (title, link, hasCode) => links.append(await card(title, link, hasCode));
+  /** The newest link into a session takes the place of the one before. */
+  const add = async (name, display, link, hasCode) => {
+    const made = await card(name, display, link, hasCode);
+    const before = [...links.children].find((one) => one.dataset.of === made.dataset.of);
+    if (before) before.replaceWith(made);
+    else links.append(made);
+  };
   const form = el("form", { onsubmit: ask },
     el("label", { class: "field" }, el("span", { text: "Codes of assessors (no names)" }),
       el("input", { name: "assessors", placeholder: "a1, a2, a3", autocomplete: "off" })),
@@ -139,9 +179,10 @@ function invitation(context, test, links) {
 }
 
 /** A link, to be opened once: as a button, as text, and for telephones as a code. */
-async function card(title, link, hasCode) {
+async function card(name, display, link, hasCode) {
   const url = new URL(link, location.href).href;
-  const made = el("div", { class: "link" }, el("b", { text: title }));
+  const made = el("div", { class: "link", "data-of": `${name} ${display}` },
+    el("b", { text: name }), el("span", { class: "muted", text: ` on ${display}` }));
   if (hasCode) {
     const answer = await fetch("/dscqs/api/operator/codes", {
       method: "POST",
@@ -150,7 +191,7 @@ async function card(title, link, hasCode) {
     });
     if (answer.ok) {
       const address = URL.createObjectURL(await answer.blob());
-      made.append(el("img", { src: address, alt: `QR code of the link of ${title}` }));
+      made.append(el("img", { src: address, alt: `QR code of the link of ${name}` }));
     }
   }
   const copy = button("Copy", async () => {
@@ -165,8 +206,13 @@ async function card(title, link, hasCode) {
   return made;
 }
 
-function downloads(id) {
+function downloads({ test, plan }) {
+  const link = (query, text) =>
+    el("a", { class: "button", href: `/dscqs/api/operator/tests/${test}/export?${query}`, text, download: true });
+  const isOne = plan.displays.length * plan.dimensions.length === 1;
   return el("div", { class: "actions" },
-    EXPORTS.map(([format, text]) =>
-      el("a", { class: "button", href: `/dscqs/api/operator/tests/${id}/export?format=${format}`, text, download: true })));
+    EXPORTS.map(([format, text]) => link(`format=${format}`, text)),
+    plan.displays.flatMap((display) => plan.dimensions.map((dimension) => link(
+      new URLSearchParams({ format: "sureal", display, dimension }),
+      isOne ? "Votes (sureal)" : `Votes (sureal: ${display}, ${dimension})`))));
 }

@@ -23,10 +23,14 @@ function say(text) {
 
 /** Do something for the operator; what goes wrong is said at the foot of the page. */
 async function attempt(work) {
+  say("");
+  return follow(work);
+}
+
+/** Do something of the page's own: it takes nothing back that was said to the operator. */
+async function follow(work) {
   try {
-    const done = await work();
-    say("");
-    return done;
+    return await work();
   } catch (error) {
     if (!(error instanceof ApiError)) throw error;
     if (error.status === 401) login();
@@ -35,7 +39,7 @@ async function attempt(work) {
   }
 }
 
-const context = { api, attempt, say, open: (test) => desk(test) };
+const context = { api, attempt, follow, say, open: (test) => desk(test) };
 
 function login() {
   ending.abort();
@@ -74,6 +78,7 @@ async function desk(chosen) {
   ending = new AbortController();
   head.replaceChildren(
     el("span", { class: "brand", text: "depthsr tests" }),
+    el("a", { class: "button small", href: "calibrate.html", target: "_blank", rel: "noopener", text: "Calibrate a display" }),
     el("span", { class: "who", text: who.name }),
     button("Log out", async () => {
       await attempt(() => api.post("logout", {}));

@@ -81,19 +81,22 @@ export function reasonList(reasons, words) {
 
 /**
  * Make sure that the display shows pixels as they are: asks for full screen, and says what is
- * wrong until it is right. `ask` is {title, text}: where given, a button is pressed first.
+ * wrong until it is right. `ask` is {title, text, keys}: where given, a button is pressed first;
+ * `keys` are [key, what it does].
  */
 export async function readyDisplay({ api, main, texts, stage }, ask) {
   const words = texts.display;
   let mustAsk = ask !== null;
   for (;;) {
     if (mustAsk || (!stage.isHeadset && document.fullscreenElement === null)) {
-      const { title, text } = ask ?? { title: texts.ready, text: texts.readyHint };
-      await pressed(main, "ready", [el("h1", { text: title }), el("p", { text })], texts.start, stage);
+      const { title, text, keys } = ask ?? { title: texts.ready, text: texts.readyHint, keys: [] };
+      const said = [el("h1", { text: title }), el("p", { text }), keys.length > 0 && keyList(keys)];
+      await pressed(main, "ready", said, texts.start, stage);
     }
-    const { refused } = await stage.reasons();
+    const { refused, warned } = await stage.reasons();
+    const codes = (refused.length ? refused : warned).map((reason) => reason.code);
+    if (codes.length && (refused.length || ask)) api.note("display", { codes });
     if (refused.length === 0) return;
-    api.note("display", { refused: refused.map((reason) => reason.code) });
     await pressed(
       main,
       "display",
@@ -103,6 +106,11 @@ export async function readyDisplay({ api, main, texts, stage }, ask) {
     );
     mustAsk = false;
   }
+}
+
+function keyList(keys) {
+  return el("dl", { class: "keys" }, keys.flatMap(([key, what]) => [
+    el("dt", { text: key }), el("dd", { text: what })]));
 }
 
 function pressed(main, name, content, label, stage) {

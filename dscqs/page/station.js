@@ -51,16 +51,18 @@ export async function station(context, state) {
 export async function showOne(context, state) {
   const { api, main, texts, stage } = context;
   const mustAsk = stage.isHeadset || lastStage !== state.stage;
-  const hint = stage.isHeadset
-    ? texts.headsetHint
-    : `${texts.readyHint} ${state.variant === "I" ? texts.freeHint : ""}`;
+  const said = {
+    title: numberOf(texts, state),
+    text: stage.isHeadset ? texts.headsetHint : texts.readyHint,
+    keys: state.variant === "I" ? texts.freeKeys : [],
+  };
   lastStage = state.stage;
   if (!stage.isHeadset) {
-    await readyDisplay(context, mustAsk ? { title: numberOf(texts, state), text: hint } : null);
+    await readyDisplay(context, mustAsk ? said : null);
   }
   show(main, "loading", el("h1", { text: numberOf(texts, state) }), el("p", { text: texts.loading }));
   const [loaded] = await Promise.all([load(context), wait(NUMBER_MS)]);
-  if (stage.isHeadset) await readyDisplay(context, { title: numberOf(texts, state), text: hint });
+  if (stage.isHeadset) await readyDisplay(context, said);
   let isKept = false;
   try {
     const log = await perform(context, loaded);

@@ -1,14 +1,15 @@
 /** The test of seeing depth, on the very display: which of three squares is in front? */
 
 import { button, el, show } from "./dom.js";
-import { MODES, screenSize } from "./layout.js";
+import { MODES } from "./layout.js";
 import { freshSeed, pick, randomFrom } from "./random.js";
 import { answer, begin, threshold } from "./staircase.js";
-import { disparityOf, LEVELS, makeStereogram, squareOf } from "./stereogram.js";
+import {
+  disparityOf, LEVELS, makeStereogram, pictureSize, squareAt, squareOf,
+} from "./stereogram.js";
 import { fill } from "./texts.js";
 
 const BLACK = [0, 0, 0];
-const WIDEST = 1200;
 /** Between two pictures nothing is shown, so that no flicker tells the difference, ms. */
 const PAUSE_MS = 400;
 
@@ -87,9 +88,7 @@ async function run(levels, profile, stage) {
 
 /** Return both eyes' squares with the numbers 1, 2, 3 below, at the depth of the screen. */
 function makePicture(profile, { front, disparity, seed }) {
-  const screen = screenSize(profile);
-  const width = Math.min(WIDEST, Math.floor(screen[0] * 0.9));
-  const height = Math.min(Math.round(width * 0.36), Math.floor(screen[1] * 0.7));
+  const [width, height] = pictureSize(profile);
   const digits = Math.round(height / 5);
   const canvas = document.createElement("canvas");
   canvas.width = 2 * width;
@@ -142,8 +141,7 @@ function answered(canvas, profile) {
       if (chosen >= 0) finish(chosen);
     };
     const point = (event) => {
-      const place = ((event.offsetX / canvas.clientWidth) * across) % 1;
-      finish(Math.min(2, Math.floor(place * 3)));
+      finish(squareAt(((event.offsetX / canvas.clientWidth) * across) % 1, profile));
     };
     addEventListener("keydown", press);
     canvas.addEventListener("pointerdown", point);

@@ -1,6 +1,6 @@
 /** Random-dot stereograms with disparities finer than a pixel: pure functions. */
 
-import { MODES, viewingDistance } from "./layout.js";
+import { MODES, placeEye, screenSize, viewingDistance } from "./layout.js";
 import { randomFrom } from "./random.js";
 
 /** The ten levels, seconds of arc (Gadia 2014). */
@@ -8,6 +8,8 @@ export const LEVELS = Object.freeze([160, 100, 63, 50, 40, 32, 26, 20, 16, 12.5]
 
 /** Finest disparity that grey levels of 8 bits make reliably, in pixels of one eye. */
 export const FINEST_PX = 0.1;
+
+const WIDEST_PX = 1200;
 
 const ARCSEC = Math.PI / 180 / 3600;
 const DOT_PX = 3;
@@ -63,6 +65,22 @@ export function squareOf(width, height, index) {
   const side = Math.round(Math.min(height * 0.6, width * 0.22));
   const middle = (width * (2 * index + 1)) / 6;
   return { left: Math.round(middle - side / 2), top: Math.round((height - side) / 2), side };
+}
+
+/** Return [width, height] of the picture of the three squares on a display, for one eye. */
+export function pictureSize(profile) {
+  const screen = screenSize(profile);
+  const width = Math.min(WIDEST_PX, Math.floor(screen[0] * 0.9));
+  return [width, Math.min(Math.round(width * 0.36), Math.floor(screen[1] * 0.7))];
+}
+
+/** Return which square is nearest to a place of one eye's screen: 0 its left edge, 1 its right. */
+export function squareAt(place, profile) {
+  const screen = screenSize(profile);
+  const size = pictureSize(profile);
+  const [left] = placeEye(screen, size);
+  const square = Math.floor((3 * (place * screen[0] - left)) / size[0]);
+  return Math.min(2, Math.max(0, square));
 }
 
 function isInside(x, y, { left, top, side }) {

@@ -37,6 +37,7 @@ class Making(BaseModel):
     templates: dict[str, dict[str, Any]]
     dimensions: list[str]
     displays: dict[str, str]
+    calibrated: list[str]
     folders: list[dict[str, Any]]
 
 
@@ -77,6 +78,7 @@ def making(request: Request, name: Operating) -> Making:
         },
         dimensions=list(DIMENSIONS),
         displays={key: profile.title for key, profile in profiles.items()},
+        calibrated=[key for key, profile in profiles.items() if profile.calibrated],
         folders=[
             found
             for root in request.app.state.config.roots

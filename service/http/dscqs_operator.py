@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi import Path as InPath
 from pydantic import BaseModel, Field
 
@@ -206,11 +206,20 @@ def export(
     request: Request,
     name: Operating,
     test: Id,
-    format: Literal["csv", "json", "scores", "html", "pdf"] = "csv",
+    format: Literal["csv", "json", "scores", "html", "pdf", "sujson", "sureal"] = "csv",
+    display: Annotated[str | None, Query(max_length=64)] = None,
+    dimension: Annotated[str | None, Query(max_length=64)] = None,
 ) -> Response:
-    """Return the votes (``csv``), everything (``json``), the scores, or the report of them."""
+    """Return the votes (``csv``, ``sujson``, ``sureal``), everything (``json``), or the scores.
+
+    A dataset of sureal holds one display and one dimension, which have to be named where there
+    are several.
+    """
     store = request.app.state.desks.real.store
-    content, ending, media_type = _exported(store, test, format)
+    if format in ("sujson", "sureal"):
+        content, ending, media_type = _exchanged(store, test, format, display, dimension)
+    else:
+        content, ending, media_type = _exported(store, test, format)
     disposition = f'attachment; filename="{test}-{ending}"'
     return Response(content, media_type=media_type, headers={"Content-Disposition": disposition})
 
@@ -234,6 +243,19 @@ def _exported(store: SessionStore, test: str, format: str) -> tuple[str | bytes,
         return report, "report.html", "text/html; charset=utf-8"
     report = pdf_report(table, title=record.name, subtitle=test, log=log)
     return report, "report.pdf", "application/pdf"
+
+
+def _exchanged(
+    store: SessionStore, test: str, format: str, display: str | None, dimension: str | None
+) -> tuple[str | bytes, str, str]:
+    """Return content, end of the file's name, and media type, in a format of others."""
+    from dscqs.exchange.files import Format, format_scores
+
+    record = store.test(test)
+    table = make_table(votes(store, record), name=record.name)
+    said = format_scores(table, Format(format), display=display, dimension=dimension)
+    which = "".join(f"{one}-" for one in (display, dimension) if one)
+    return said, f"{which}{format}.json", "application/json"
 
 
 def _summary(record: Any) -> dict[str, Any]:

@@ -11,9 +11,14 @@ import yaml
 from dscqs.errors import PlanError, StimulusError
 from dscqs.pixel_hash import hash_frames
 from dscqs.stimulus import digest
+from pipeline.baselines import bicubic
+from pipeline.colour import to_rgb
+from pipeline.grid import Grid, Sampling
 from pipeline.media.images import read_image
 from pipeline.media.lossless import open_lossless
 from pipeline.media.png import encode_png, write_png
+from pipeline.media.source import open_scene
+from pipeline.synthetic import SampleScene, write_scene
 from service.cli import main
 from service.client import Client
 from service.plan_files import find_stimuli, format_plan, read_plan
@@ -54,6 +59,23 @@ def test_stills_are_the_frame_of_both_eyes(results, tmp_path):
     assert np.array_equal(read_image(path).samples, expected)
     assert one.pixels == hash_frames([expected])
     assert one.sha256 == digest(path.read_bytes())
+
+
+def test_what_was_observed_is_enlarged_as_results_are(tmp_path):
+    """Both eyes of a scene, of the frame asked for, on the grid asked for."""
+    scene = SampleScene(width=32, height=24, num_views=4)
+    manifest = write_scene(tmp_path / "scene", scene, num_frames=2, sampling=Sampling.AREA)
+    stimuli = tmp_path / "stimuli"
+    words = ["dscqs", "stimuli", f"stage/bicubic=bicubic:{manifest}", "-o", str(stimuli)]
+    assert main([*words, "--frame", "1", "--magnification", "3"]) == 0
+    with open_scene(manifest) as source:
+        frame = source.read(1)
+    grid = Grid(magnification_x=3, magnification_y=3, sampling=Sampling.AREA)
+    eyes = [frame.view(name) for name in (frame.left, frame.right)]
+    expected = [to_rgb(bicubic(eye.luma, grid), bicubic(eye.chroma, grid), 8) for eye in eyes]
+    made = read_image(stimuli / "stage--bicubic.png").samples
+    assert made.shape == (72, 192, 3)
+    assert np.array_equal(made, np.concatenate(expected, axis=1))
 
 
 def test_clips_are_every_frame(results, tmp_path):
@@ -119,7 +141,7 @@ def test_from_results_to_a_plan(results, tmp_path, capsys):
         "plan", tmp_path / "stimuli", *pairs, "-o", plan, "--displays",
         "polarised,autostereoscopic", "--dummies", 2, "--repetitions", 2, "--training", "street",
     ) == 0  # fmt: skip
-    assert "1 contents, 6 presentations, 3.7 minutes" in capsys.readouterr().out
+    assert "1 content, 6 presentations, 3.7 minutes" in capsys.readouterr().out
     read = read_plan(plan)
     assert read.name == "Set 1 of the thesis: degraded scenes whose original is known"
     assert (read.reference, read.conditions) == ("original", ("bicubic", "sr"))

@@ -39,7 +39,12 @@ export default {
   failedTitle: "Bitte noch einmal",
   failed: "Die Vorführung wurde gestört und zählt daher nicht. Sie wird wiederholt.",
   failedOften: "Das ist mehrmals geschehen. Bitte rufen Sie die Versuchsleitung.",
-  freeHint: "A: A zeigen   B: B zeigen   Leertaste: das andere   Eingabe: bewerten",
+  freeKeys: [
+    ["A", "A zeigen"],
+    ["B", "B zeigen"],
+    ["Leertaste", "das andere"],
+    ["Eingabe", "bewerten"],
+  ],
   instructions: {
     title: "Willkommen",
     intro:

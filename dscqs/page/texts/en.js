@@ -37,7 +37,12 @@ export default {
   failedTitle: "Once more, please",
   failed: "The showing was disturbed, so it does not count. It will be shown again.",
   failedOften: "This has happened several times. Please call the operator.",
-  freeHint: "A: show A   B: show B   Space: the other   Enter: grade",
+  freeKeys: [
+    ["A", "show A"],
+    ["B", "show B"],
+    ["Space", "the other"],
+    ["Enter", "grade"],
+  ],
   instructions: {
     title: "Welcome",
     intro:

@@ -38,7 +38,12 @@ export default {
   failedTitle: "Otra vez, por favor",
   failed: "La presentación se vio perturbada y no cuenta. Se mostrará de nuevo.",
   failedOften: "Ha ocurrido varias veces. Llame al operador, por favor.",
-  freeHint: "A: mostrar A   B: mostrar B   Espacio: la otra   Intro: puntuar",
+  freeKeys: [
+    ["A", "mostrar A"],
+    ["B", "mostrar B"],
+    ["Espacio", "la otra"],
+    ["Intro", "puntuar"],
+  ],
   instructions: {
     title: "Bienvenido",
     intro:

@@ -39,7 +39,12 @@ export default {
   failedTitle: "Encore une fois, s’il vous plaît",
   failed: "La présentation a été perturbée et ne compte donc pas. Elle sera montrée de nouveau.",
   failedOften: "Cela s’est produit plusieurs fois. Veuillez appeler l’opérateur.",
-  freeHint: "A : montrer A   B : montrer B   Espace : l’autre   Entrée : noter",
+  freeKeys: [
+    ["A", "montrer A"],
+    ["B", "montrer B"],
+    ["Espace", "l’autre"],
+    ["Entrée", "noter"],
+  ],
   instructions: {
     title: "Bienvenue",
     intro:

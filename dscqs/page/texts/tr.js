@@ -32,7 +32,12 @@ export default {
   failedTitle: "Lütfen bir kez daha",
   failed: "Gösterim bozuldu, bu yüzden sayılmıyor. Yeniden gösterilecek.",
   failedOften: "Bu birkaç kez oldu. Lütfen görevliyi çağırın.",
-  freeHint: "A: A’yı göster   B: B’yi göster   Boşluk: öteki   Enter: puanla",
+  freeKeys: [
+    ["A", "A’yı göster"],
+    ["B", "B’yi göster"],
+    ["Boşluk", "öteki"],
+    ["Enter", "puanla"],
+  ],
   instructions: {
     title: "Hoş geldiniz",
     intro:

@@ -113,3 +113,23 @@ def shift_between(left: np.ndarray, right: np.ndarray) -> float:
     weight = np.abs(cross)
     phase = np.unwrap(np.angle(cross))
     return float((weight * phase * frequency).sum() / (weight * frequency**2).sum())
+
+
+@pytest.mark.parametrize("name", ["passive-uhd-tv", "polarised", "side-by-side-tv", "anaglyph"])
+def test_a_click_on_a_square_is_an_answer_for_it(tab: Any, name: str):
+    """Within either edge of each square, on a screen of any width."""
+    found = tab.evaluate(
+        """async (profile) => {
+          const {pictureSize, squareAt, squareOf} = await import("/stereogram.js");
+          const {placeEye, screenSize} = await import("/layout.js");
+          const screen = screenSize(profile);
+          const size = pictureSize(profile);
+          const [first] = placeEye(screen, size);
+          return [0, 1, 2].map((index) => {
+            const {left, side} = squareOf(...size, index);
+            return [1, side - 1].map((at) => squareAt((first + left + at) / screen[0], profile));
+          });
+        }""",
+        shipped_profiles()[name].as_dict(),
+    )
+    assert found == [[0, 0], [1, 1], [2, 2]]

@@ -10,6 +10,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page
 
+from dscqs.exchange.files import parse_scores
 from dscqs.votes import parse_csv
 from service.dscqs_client import AssessorClient
 from tests.service.dscqs.support import walk
@@ -80,10 +81,14 @@ def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http):
     second.shown("failed", {"faults": [{"kind": "focus", "detail": "the window lost the focus"}]})
     row = page.get_by_role("row").filter(has_text="a2")
     row.get_by_text("the window lost the focus").wait_for()
+    noted = {"kind": "display", "detail": {"codes": ["odd-ratio"]}}
+    assert second.http.post("/dscqs/api/assessor/events", json=noted).status_code == 204
+    row.get_by_text("display: odd-ratio").wait_for()
     page.get_by_role("row").filter(has_text="a1").get_by_text("finished").wait_for()
     row.get_by_role("button", name="Pause").click()
     row.get_by_text("paused").wait_for()
     assert second.state()["stage"] == "paused"
+    assert page.locator(".link code").all_inner_texts() == links
     row.get_by_role("button", name="Resume").click()
     row.get_by_text("test", exact=True).wait_for()
     _look(page, "operator-test")
@@ -95,6 +100,11 @@ def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http):
     with page.expect_download() as download:
         page.get_by_role("link", name="Report (HTML)").click()
     assert "Thesis, set 1" in Path(download.value.path()).read_text(encoding="utf-8")
+    for name in ("Votes (suJSON)", "Votes (sureal: polarised, quality)"):
+        with page.expect_download() as download:
+            page.get_by_role("link", name=name).click()
+        again = parse_scores(Path(download.value.path()).read_text(encoding="utf-8"))
+        assert "a1" in {vote.assessor for vote in again.votes}
 
     page.on("dialog", lambda dialog: dialog.accept())
     row.get_by_role("button", name="Withdraw").click()
@@ -103,14 +113,21 @@ def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http):
 
 
 def test_a_group_and_a_dry_run_are_let_in(page, served, make_http):
+    before = page.locator(".link").count()
+    page.get_by_label("Codes of assessors").fill("")
+    page.get_by_role("button", name="A group before one screen").click()
+    page.get_by_text("Enter the code of an assessor first").wait_for()
     page.get_by_label("Codes of assessors").fill("g1 g2 g3")
     page.get_by_role("button", name="A group before one screen").click()
     page.get_by_alt_text("QR code of the link of g3").wait_for()
-    assert page.locator(".link").count() == 4
+    assert page.locator(".link").count() == before + 4
     _look(page, "operator-group")
-    page.get_by_role("button", name="Dry run").click()
-    page.get_by_text("nothing is stored").wait_for()
-    link = page.locator(".link code").inner_text()
+    for _ in range(2):  # the newer takes the place of the one before
+        page.get_by_role("button", name="Dry run").click()
+        page.get_by_text("nothing is stored").wait_for()
+    dry = page.locator(".link").filter(has_text="nothing is stored")
+    link = dry.locator("code").inner_text()
+    assert page.locator(".link").count() == before + 5
     client = AssessorClient(http=make_http())
     client.enter(link)
     assert walk(client)["stage"] == "thanks"
