@@ -160,9 +160,15 @@ def _analyse(votes: Sequence[Vote], dimension: str, table: VoteTable, variant: V
         for name, value in FIGURES.items()
         if name == PRIMARY or any(value(vote) is not None for vote in votes)
     }
+    # All displays have the order of the table, whatever their assessors were shown first.
+    seen = dict.fromkeys((vote.content, vote.condition, vote.repetition) for vote in votes)
+    places = {presentation: place for place, presentation in enumerate(seen)}
     displays = []
     for display in dict.fromkeys(vote.display for vote in votes):
-        shown = [vote for vote in votes if vote.display == display]
+        shown = sorted(
+            (vote for vote in votes if vote.display == display),
+            key=lambda vote: places[vote.content, vote.condition, vote.repetition],
+        )
         matrices = {name: make_matrix(shown, value) for name, value in figures.items()}
         displays.append(
             DisplayVotes(

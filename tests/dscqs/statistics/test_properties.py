@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -82,6 +83,21 @@ def test_the_order_of_the_votes_changes_nothing(votes, chance):
         assert {name: first[name] for name in sorted(first)} == {
             name: second[name] for name in sorted(second)
         }
+
+
+def test_displays_have_one_order_of_names():
+    def vote(display, content, condition):
+        return Vote(
+            assessor="a", display=display, content=content, condition=condition, repetition=1,
+            score=1.0,
+        )  # fmt: skip
+
+    names = list(itertools.product(("street", "ballet", "hall"), ("sr", "bicubic")))
+    votes = [vote("one", *pair) for pair in names]
+    votes += [vote("two", *pair) for pair in reversed(names)]
+    (analysis,) = analyse(make_table(votes))
+    for display in analysis.displays:
+        assert list(display.matrix.stimuli) == names
 
 
 @given(votes=tables(missing=False), bias=st.lists(st.integers(-5, 5), min_size=7, max_size=7))
