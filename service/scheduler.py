@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import math
 import os
 import shutil
 import subprocess
@@ -33,6 +34,9 @@ LOG_LIMIT = 1 << 20
 
 MAX_JOBS = 100
 """Jobs that one process does, one after the other and all of one client."""
+
+REST = 5.0
+"""Time that a process waits for another job of its client, seconds."""
 
 
 class Scheduler:
@@ -147,7 +151,7 @@ class Scheduler:
                 worker = _Worker(self, record, self._rested(record.client))
                 self._workers[record.id] = worker
             worker.start()
-        self._dismiss()
+        self._dismiss(time.monotonic() - REST)
 
     @property
     def _has_room(self) -> bool:
@@ -155,18 +159,28 @@ class Scheduler:
         return shutil.disk_usage(self.store.folder).free >= self.config.disk_reserve * MIB
 
     def _rested(self, client: str) -> _Process | None:
-        """Take a process that has done a job of the same client, and is good for another one."""
+        """Take a process that has done a job of the same client, and is good for another one.
+
+        Where there is none, one of another client makes room: there are never more processes
+        than workers.
+        """
         for process in self._resting:
             if process.client == client and process.is_alive:
                 self._resting.remove(process)
                 return process
+        if self._resting and len(self._workers) + len(self._resting) >= self.config.workers:
+            self._resting.pop(0).end()
         return None
 
-    def _dismiss(self) -> None:
-        """End the processes that nobody has taken."""
+    def _dismiss(self, before: float = math.inf) -> None:
+        """End the processes that have rested since before a time, and whatever has died."""
         with self._lock:
-            resting, self._resting = self._resting, []
-        for process in resting:
+            ended = [
+                process for process in self._resting
+                if process.rests_since < before or not process.is_alive
+            ]  # fmt: skip
+            self._resting = [process for process in self._resting if process not in ended]
+        for process in ended:
             process.end()
 
     def _watch(self) -> None:
@@ -188,6 +202,7 @@ class Scheduler:
         with self._lock:
             self._workers.pop(worker.record.id, None)
             if process is not None:
+                process.rests_since = time.monotonic()
                 self._resting.append(process)
         self._on_end(worker.record.id)
         self._wake.set()
@@ -199,6 +214,7 @@ class _Process:
     def __init__(self, client: str, log_file: Path) -> None:
         self.client = client
         self.jobs = 0
+        self.rests_since = 0.0
         with log_file.open("ab") as errors:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "service.worker_process"],

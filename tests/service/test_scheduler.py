@@ -5,14 +5,19 @@ from __future__ import annotations
 import threading
 import time
 import uuid
+from pathlib import Path
 
+from service import scheduler as scheduling
 from service.config import ServiceConfig
 from service.jobs.states import State
 from service.scheduler import Scheduler
 from service.store import Store
+from tests.support.waiting import PATIENCE, until
 
 
-def test_jobs_of_one_client_share_a_process_that_nobody_else_gets(tmp_path, tiny_scene):
+def test_jobs_of_one_client_share_a_process_that_nobody_else_gets(
+    tmp_path, tiny_scene, monkeypatch
+):
     """And a clock that jumps costs nobody an attempt."""
     ended, seen, hours = threading.Semaphore(0), {}, [0]
     store = Store(tmp_path, clock=lambda: time.time() + 3600 * hours[-1])
@@ -24,7 +29,7 @@ def test_jobs_of_one_client_share_a_process_that_nobody_else_gets(tmp_path, tiny
 
     scheduler = Scheduler(
         store,
-        ServiceConfig(data=tmp_path, worker_threads=1),
+        ServiceConfig(data=tmp_path, worker_threads=1, worker_nice=0),
         on_event=heard,
         on_end=lambda job: ended.release(),
     )
@@ -40,13 +45,20 @@ def test_jobs_of_one_client_share_a_process_that_nobody_else_gets(tmp_path, tiny
     scheduler.start()
     try:
         for _ in jobs:
-            assert ended.acquire(timeout=120)
+            assert ended.acquire(timeout=PATIENCE)
+        jobs.append(add("bert", 0))
+        scheduler.poke()
+        assert ended.acquire(timeout=PATIENCE)
         assert {store.job(job).state for job in jobs} == {State.SUCCEEDED}
         assert {store.job(job).attempt for job in jobs} == {1}
+        monkeypatch.setattr(scheduling, "REST", 0.0)
+        scheduler.poke()
+        until(lambda: not Path(f"/proc/{seen[jobs[-1]]}").exists())
     finally:
         scheduler.close()
         store.close()
-    first, second, other = (seen[job] for job in jobs)
-    assert first == second != other
+    first, second, other, later = (seen[job] for job in jobs)
+    assert first == second != other == later
+    assert not Path(f"/proc/{first}").exists()
     for job in jobs:
         assert (tmp_path / "jobs" / job / "worker.log").is_file()
