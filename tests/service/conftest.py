@@ -14,6 +14,11 @@ from pathlib import Path
 import httpx
 import pytest
 
+from tests.support.waiting import PATIENCE
+
+QUIET = {"DEPTHSR_ZENOH": "off", "DEPTHSR_WORKER_NICE": "0"}
+"""No streams unless asked for; and workers of jobs do not wait for the tests beside."""
+
 
 @dataclass
 class LiveService:
@@ -33,7 +38,7 @@ class LiveService:
                     "--data", str(self.data), *self.options,
                 ],
                 stdout=subprocess.PIPE, stderr=log, text=True,
-                env={**os.environ, "DEPTHSR_ZENOH": "off", **self.environment},
+                env={**os.environ, **QUIET, **self.environment},
             )  # fmt: skip
         assert self.process.stdout is not None
         said = self.process.stdout.readline()
@@ -41,13 +46,13 @@ class LiveService:
         assert found, f"the service said {said!r}"
         self.url = found[0]
         with httpx.Client(transport=httpx.HTTPTransport(retries=5), base_url=self.url) as client:
-            assert client.get("/readyz", timeout=30).status_code == 200
+            assert client.get("/readyz", timeout=PATIENCE).status_code == 200
         return self
 
-    def end(self, number: int = signal.SIGTERM, timeout: float = 20) -> int:
+    def end(self, number: int = signal.SIGTERM) -> int:
         assert self.process is not None
         self.process.send_signal(number)
-        status = self.process.wait(timeout)
+        status = self.process.wait(PATIENCE)
         assert self.process.stdout is not None
         self.process.stdout.close()
         return status

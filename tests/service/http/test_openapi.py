@@ -33,7 +33,7 @@ def test_every_answer_is_declared(make_service):
     for found in schema.get_all_operations():
         operation = found.ok()
 
-        @hypothesis.settings(max_examples=12, suppress_health_check=[*hypothesis.HealthCheck])
+        @hypothesis.settings(max_examples=8, suppress_health_check=[*hypothesis.HealthCheck])
         @hypothesis.given(case=operation.as_strategy())
         def ask(case):
             case.call_and_validate(checks=CHECKS)

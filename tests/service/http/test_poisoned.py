@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import signal
 from fractions import Fraction
 
 import httpx
@@ -14,6 +15,7 @@ from pipeline.media.encode import join_segments, write_segment
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
 from pipeline.stereo import StereoLayout
 from service.client import Client
+from tests.service.conftest import LiveService
 
 COUNT = 200
 WORKED = 6
@@ -87,9 +89,16 @@ def videos(tmp_path):
     return made
 
 
-def test_no_broken_video_is_a_fault(make_service, videos):
-    service = make_service("--workers", "0")
-    with httpx.Client(base_url=service.url, timeout=60) as api:
+@pytest.fixture(scope="module")
+def idle(tmp_path_factory):
+    """A service that takes jobs and does none."""
+    service = LiveService(tmp_path_factory.mktemp("idle") / "data", ("--workers", "0")).start()
+    yield service
+    assert service.end() in (0, -signal.SIGTERM)
+
+
+def test_no_broken_video_is_a_fault(idle, videos):
+    with httpx.Client(base_url=idle.url, timeout=60) as api:
         statuses = {
             api.post(
                 "/api/v1/jobs", files=[("files", item) for item in scene.items()],
@@ -99,15 +108,14 @@ def test_no_broken_video_is_a_fault(make_service, videos):
         }  # fmt: skip
         assert statuses <= {202, 413, 422}
         assert api.get("/readyz").status_code == 200
-        uploads = service.data / "jobs"
+        uploads = idle.data / "jobs"
         jobs = api.get("/api/v1/jobs?limit=500").json()["jobs"]
         assert {path.name for path in uploads.iterdir()} == {job["id"] for job in jobs}
 
 
-def test_no_broken_upload_is_a_fault(make_service, corpus):
-    service = make_service("--workers", "0")
+def test_no_broken_upload_is_a_fault(idle, corpus):
     statuses = set()
-    with httpx.Client(base_url=service.url, timeout=30) as api:
+    with httpx.Client(base_url=idle.url, timeout=60) as api:
         for scene in corpus:
             files = [("files", item) for item in scene.items()]
             answer = api.post("/api/v1/jobs", files=files, data={"job": "{}"})
@@ -117,7 +125,7 @@ def test_no_broken_upload_is_a_fault(make_service, corpus):
 
 
 def test_no_broken_scene_kills_a_worker(live_service, corpus, videos):
-    with httpx.Client(base_url=live_service.url, timeout=30) as api:
+    with httpx.Client(base_url=live_service.url, timeout=60) as api:
         jobs = []
         body = json.dumps({"input": {"frames": "0:1"}})
         for scene in [*corpus[:: COUNT // WORKED], *videos[:4]]:

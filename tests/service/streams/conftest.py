@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
-import socket
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,25 +17,12 @@ import pytest
 
 from service.bus.config import BusConfig
 from service.bus.zenoh_bus import ZenohBus
-
-PATIENCE = 90.0
-"""Seconds for anything: the machine may be busy."""
+from tests.support.ports import free_port
+from tests.support.waiting import PATIENCE
 
 
 def free_endpoint(kind: str = "tcp", host: str = "127.0.0.1") -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"{kind}/{host}:{probe.getsockname()[1]}"
-
-
-def until(check: Callable[[], Any], patience: float = PATIENCE) -> Any:
-    """Wait until something is so, and return it."""
-    deadline = time.monotonic() + patience
-    pause = threading.Event()
-    while not (found := check()):
-        assert time.monotonic() < deadline, "it never came about"
-        pause.wait(0.05)
-    return found
+    return f"{kind}/{host}:{free_port()}"
 
 
 @dataclass
@@ -51,20 +36,20 @@ class Stage:
     started: list[subprocess.Popen[str]] = field(default_factory=list)
 
     def status(self, stream: str) -> dict[str, Any]:
-        answer = httpx.get(f"{self.service.url}/api/v1/streams/{stream}", timeout=30)
+        answer = httpx.get(f"{self.service.url}/api/v1/streams/{stream}", timeout=PATIENCE)
         return answer.json() if answer.is_success else {"state": "none", "status": {}}
 
     def state(self, stream: str) -> str:
         return self.status(stream)["state"]
 
     def worker(self, stream: str) -> int:
-        """Return the process id of the stream's worker."""
-        children = Path(f"/proc/{self.service.process.pid}/task")
-        for task in children.iterdir():
-            for pid in (task / "children").read_text().split():
-                words = Path(f"/proc/{pid}/cmdline").read_bytes()
-                if b"service.streams.worker" in words:
-                    return int(pid)
+        """Return the process id of the stream's worker; 0 while there is none."""
+        for task in Path(f"/proc/{self.service.process.pid}/task").iterdir():
+            with contextlib.suppress(OSError):  # a thread or a process that has ended meanwhile
+                for pid in (task / "children").read_text().split():
+                    words = Path(f"/proc/{pid}/cmdline").read_bytes()
+                    if b"service.streams.worker" in words:
+                        return int(pid)
         return 0
 
     def bus(self) -> ZenohBus:

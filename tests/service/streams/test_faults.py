@@ -17,7 +17,8 @@ from service.bus.keys import Output, Part
 from service.streams.messages import InputHeader, write_input_header
 from service.streams.receiver import Receiver
 from tests.service.conftest import LiveService
-from tests.service.streams.conftest import PATIENCE, Stage, free_endpoint, until
+from tests.service.streams.conftest import Stage, free_endpoint
+from tests.support.waiting import PATIENCE, until
 
 
 @pytest.fixture(scope="module")
@@ -89,12 +90,13 @@ def test_what_is_lost_and_in_disorder_is_counted_and_the_rest_goes_on(stage):
 
 def test_browsers_get_the_same_video(stage):
     where = f"{stage.service.url}/api/v1/streams/tiny/watch"
-    until(lambda: len(httpx.get(where, timeout=30).json()["tracks"]) == 2)
-    before, track = (httpx.get(where, timeout=30).json()["tracks"][n] for n in ("before", "result"))
+    until(lambda: len(httpx.get(where, timeout=PATIENCE).json()["tracks"]) == 2)
+    tracks = httpx.get(where, timeout=PATIENCE).json()["tracks"]
+    before, track = tracks["before"], tracks["result"]
     assert (track["layout"], track["fps"]) == (before["layout"], before["fps"]) == ("sbs", 6.0)
     assert (before["eye_width"], track["eye_width"]) == (48, 96)
     playlist = f"{stage.service.url}{track['playlist']}"
-    until(lambda: "#EXTINF" in httpx.get(playlist, timeout=30).text)
+    until(lambda: "#EXTINF" in httpx.get(playlist, timeout=PATIENCE).text)
 
 
 def test_simple_clients_get_pictures_and_answers(stage):
@@ -145,9 +147,12 @@ def test_what_is_malformed_is_counted_and_harms_nobody(stage):
         refused = []
         bus.subscribe(keys.status("other"), lambda s: refused.append(json.loads(s.read())))
         manifest = {"format": "depthsr-scene/1", "views": [{"id": "a"}, {"id": "b"}]}
-        time.sleep(0.5)
-        bus.put("depthsr/other/in/manifest", json.dumps(manifest).encode(), encoding=JSON)
-        until(lambda: refused)
+
+        def is_refused():
+            bus.put("depthsr/other/in/manifest", json.dumps(manifest).encode(), encoding=JSON)
+            return refused
+
+        until(is_refused)
     assert refused[0]["state"] == "refused"
     assert "1 streams are there already" in refused[0]["problem"]["detail"]
     until(lambda: _counts(stage)["malformed"] >= before["malformed"] + 80)
@@ -156,7 +161,7 @@ def test_what_is_malformed_is_counted_and_harms_nobody(stage):
     done = stage.status("tiny")["status"]["frames_done"]
     until(lambda: stage.status("tiny")["status"]["frames_done"] > done + 5)
     assert stage.status("tiny")["run"] == 1
-    text = httpx.get(f"{stage.service.url}/metrics", timeout=30).text
+    text = httpx.get(f"{stage.service.url}/metrics", timeout=PATIENCE).text
     assert 'depthsr_stream_dropped_total{reason="malformed",stream="tiny"}' in text
     assert 'depthsr_streams{state="live"} 1.0' in text
     assert "depthsr_manifests_refused_total" in text
@@ -182,16 +187,16 @@ def test_a_killed_worker_is_replaced_and_the_gap_is_seen(stage, tmp_path):
     target = tmp_path / "out.mkv"
     receiver = stage.run("subscribe", "tiny", "-o", str(target))
     assert "frames a second" in receiver.stderr.readline()
-    os.kill(stage.worker("tiny"), signal.SIGKILL)
+    os.kill(until(lambda: stage.worker("tiny")), signal.SIGKILL)
     assert "started anew" in receiver.stderr.readline()
     assert stage.status("tiny")["run"] == 2
-    time.sleep(1)
+    until(lambda: stage.status("tiny")["status"].get("frames_done", 0) > 5)
     receiver.send_signal(signal.SIGINT)
     _, said = receiver.communicate(timeout=PATIENCE)
     assert receiver.returncode == 0, said
     with av.open(str(target)) as container:
         assert sum(1 for _ in container.decode(video=0)) > 1
-    text = httpx.get(f"{stage.service.url}/metrics", timeout=30).text
+    text = httpx.get(f"{stage.service.url}/metrics", timeout=PATIENCE).text
     assert "depthsr_stream_workers_lost_total 1.0" in text
 
 
@@ -217,17 +222,21 @@ def test_a_killed_service_goes_on_where_its_subscribers_are(stage):
 
 def test_stopped_over_http_it_stays_stopped_until_it_is_made_again(stage):
     url = f"{stage.service.url}/api/v1/streams"
-    assert httpx.post(f"{url}/tiny/stop", timeout=30).json()["state"] == "stopped"
+    assert httpx.post(f"{url}/tiny/stop", timeout=PATIENCE).json()["state"] == "stopped"
     until(lambda: not stage.worker("tiny"))
-    time.sleep(2.5)  # the source has sent its manifest again
+    again = []
+    with stage.bus() as bus:  # the source sends its manifest again
+        bus.subscribe(keys.manifest("tiny"), again.append)
+        until(lambda: len(again) == 2)
     assert stage.state("tiny") == "stopped"
-    made = httpx.post(url, json={"id": "tiny", "options": {"quality": 30}}, timeout=30)
+    made = httpx.post(url, json={"id": "tiny", "options": {"quality": 30}}, timeout=PATIENCE)
     assert made.status_code == 201, made.text
     assert made.json()["run"] == 3
     until(lambda: stage.state("tiny") == "live")
-    assert httpx.post(url, json={"id": "tiny"}, timeout=30).status_code == 409
-    assert httpx.post(url, json={"id": "more"}, timeout=30).status_code == 429
-    wrong = httpx.post(url, json={"id": "more", "settings": {"magnification": "9"}}, timeout=30)
+    assert httpx.post(url, json={"id": "tiny"}, timeout=PATIENCE).status_code == 409
+    assert httpx.post(url, json={"id": "more"}, timeout=PATIENCE).status_code == 429
+    asked = {"id": "more", "settings": {"magnification": "9"}}
+    wrong = httpx.post(url, json=asked, timeout=PATIENCE)
     assert wrong.status_code == 422
 
 
@@ -237,10 +246,10 @@ def test_the_service_ends_in_its_time_with_sources_and_subscribers_there(stage):
     for process in (receiver, stalled):
         assert "sequence" in process.stdout.readline()
     stalled.send_signal(signal.SIGSTOP)
-    worker = stage.worker("tiny")
+    worker = until(lambda: stage.worker("tiny"))
     begin = time.monotonic()
     try:
-        assert stage.service.end(timeout=30) in (0, -signal.SIGTERM)
+        assert stage.service.end() in (0, -signal.SIGTERM)
         assert time.monotonic() - begin < 12
     finally:
         stalled.kill()
@@ -248,6 +257,6 @@ def test_the_service_ends_in_its_time_with_sources_and_subscribers_there(stage):
     begin = time.monotonic()
     for process in (receiver, *stage.started[:1]):
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=30)
+        process.communicate(timeout=PATIENCE)
         assert process.returncode == 0
     assert time.monotonic() - begin < 15

@@ -14,7 +14,7 @@ from pipeline.media.decode import VideoReader
 from pipeline.media.source import open_scene
 from pipeline.metrics import psnr
 from service.bus import keys
-from tests.service.streams.conftest import PATIENCE, until
+from tests.support.waiting import PATIENCE, until
 
 
 def _read(path):
@@ -49,7 +49,7 @@ def test_a_scene_is_published_served_and_received(make_stage, tiny_scene, expect
         "settings": {"temporal": "cold"},
         "options": {"quality": 1, "real_time": False},
     }
-    made = httpx.post(f"{stage.service.url}/api/v1/streams", json=asked, timeout=30)
+    made = httpx.post(f"{stage.service.url}/api/v1/streams", json=asked, timeout=PATIENCE)
     assert (made.status_code, made.headers["location"]) == (201, "/api/v1/streams/tiny")
     assert made.json()["state"] == "waiting"
     cameras = stage.run("publish", str(tiny_scene), "--stream", "tiny", "--rate", "4", "--loop")

@@ -11,7 +11,7 @@ from service.bus import keys
 from service.bus.bus import JSON, BusError
 from service.bus.config import BusConfig
 from service.bus.zenoh_bus import ZenohBus
-from tests.service.streams.conftest import PATIENCE, until
+from tests.support.waiting import PATIENCE, until
 
 
 @pytest.fixture(scope="module")

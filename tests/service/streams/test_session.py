@@ -23,7 +23,7 @@ from service.streams.options import StreamOptions
 from service.streams.player import Player, Playing
 from service.streams.receiver import Receiver, split_group
 from service.streams.session import Limits, StreamSession
-from tests.service.streams.conftest import until
+from tests.support.waiting import until
 
 
 @pytest.fixture
