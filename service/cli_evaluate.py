@@ -243,7 +243,13 @@ def _run_all(arguments: argparse.Namespace) -> int:
     from pipeline.config import Settings
     from pipeline.errors import ConfigurationError
     from pipeline.evaluation.plan import CHAPTERS, Plan
-    from pipeline.evaluation.report import Origin, evaluate_all, write_page, write_report
+    from pipeline.evaluation.report import (
+        PAGE_PICTURES,
+        Origin,
+        evaluate_all,
+        write_page,
+        write_report,
+    )
     from pipeline.evaluation.subjects import open_subject
     from pipeline.machine import described
     from pipeline.media.files import check_folder_writable, check_writable
@@ -274,13 +280,15 @@ def _run_all(arguments: argparse.Namespace) -> int:
         cpu_seconds=time.process_time(),
     )
     written = write_report(arguments.output, chapters, origin)
-    if arguments.page is not None:
-        write_page(arguments.page, chapters, origin)
+    num_tables = sum(path.suffix == ".csv" for path in written)
     for chapter in chapters:
         say(f"{chapter.title}")
         for sentence in chapter.answer:
             say(f"  {sentence}")
-    say(f"wrote {written[0]}, {written[1]} and {len(written) - 2} CSV files")
+    say(f"wrote {', '.join(map(str, written[:3]))} and {num_tables} CSV files")
+    if arguments.page is not None:
+        page, *figures = write_page(arguments.page, chapters, origin)
+        say(f"wrote {page}; figures in {PAGE_PICTURES}/ beside it: {len(figures)}")
     return EXIT_DONE
 
 

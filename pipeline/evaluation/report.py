@@ -284,11 +284,11 @@ def write_page(page: Path, chapters: Sequence[Chapter], origin: Origin) -> list[
     """
     pictures, written = {}, []
     folder = page.parent / PAGE_PICTURES
-    folder.mkdir(parents=True, exist_ok=True)
     for chapter in chapters:
         shown = [figure for figure in chapter.figures if figure.scene in ("", SAMPLE)]
         for number, figure in enumerate(shown, start=1):
             name = f"{page.stem}-{chapter.key}-{number}.{figure.kind}"
+            folder.mkdir(parents=True, exist_ok=True)
             write_atomic(folder / name, figure.content)
             written.append(folder / name)
             pictures[figure.caption] = f"{PAGE_PICTURES}/{name}"
