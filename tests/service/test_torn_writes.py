@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import io
 import itertools
 import json
@@ -34,6 +35,8 @@ def drive(scene: str, folder: str, again: str) -> None:
     from service.numba_cache import prepare_numba_cache
 
     prepare_numba_cache()
+    for name in ("pipeline.export", "pipeline.run", "service.jobs.request", "service.jobs.sinks"):
+        importlib.import_module(name)  # once, and not in every process that is torn off
     from service.worker_process import WorkOrder, _work
 
     output = {"segment_length": 2, "frames": True}

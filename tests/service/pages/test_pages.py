@@ -171,7 +171,7 @@ def test_before_is_the_observed_picture_enlarged_bicubically(chromium, live_serv
 
 
 def test_the_live_edge_plays_to_the_end(chromium, tmp_path):
-    config = ServiceConfig(data=tmp_path / "data", workers=0)
+    config = ServiceConfig(data=tmp_path / "data", workers=0, zenoh="off")
     with OnAir(config) as station:
         station.feed(3)
 
@@ -262,7 +262,14 @@ def test_who_has_no_token_is_led_to_the_door_and_back(chromium, make_service, tm
         assert page.context.cookies() == []
 
 
-PAGES = ("/", "/login", "/jobs/{job}", "/watch/jobs/{job}", "/api/docs")
+PAGES = {
+    "/": "document.querySelector('#jobs .job') && document.querySelector('#health.ready')",
+    "/login": "document.readyState === 'complete'",
+    "/jobs/{job}": "document.querySelector('#views tr') && document.querySelector('#log tr')",
+    "/watch/jobs/{job}": "window.depthsrWatch?.numbers().drawn > 0",
+    "/api/docs": "document.querySelector('#operations details')",
+}
+"""Where pages are, and what is so once all of it is there."""
 
 
 @pytest.mark.parametrize("where", PAGES)
@@ -273,8 +280,7 @@ def test_pages_are_for_everybody(chromium, live_service, job, where):
     url = live_service.url + where.format(job=job)
     rules = {"runOnly": {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21aa", "wcag22aa"]}}
     with opened(chromium, url, width=360) as page:
-        page.wait_for_load_state("load")
-        page.wait_for_timeout(1500)
+        _until(page, f"!!({PAGES[where]})")
         for scheme in ("dark", "light"):
             page.emulate_media(color_scheme=scheme)
             found = Axe().run(page, options=rules).response["violations"]
@@ -286,7 +292,7 @@ def test_pages_are_for_everybody(chromium, live_service, job, where):
 
 
 def test_pages_run_nothing_inline_and_nothing_foreign(live_service):
-    with httpx.Client(base_url=live_service.url) as api:
+    with httpx.Client(base_url=live_service.url, timeout=60) as api:
         for where in PAGES:
             answer = api.get(where.format(job="x"))
             policy = answer.headers["content-security-policy"]
