@@ -63,7 +63,6 @@ function renew(place, shown, rows, make) {
     place.replaceChildren(el("p", { class: "muted", text: "Nobody was let in yet." }));
     return;
   }
-  const focused = document.activeElement?.getAttribute("aria-label");
   for (const row of rows) {
     const said = JSON.stringify(row);
     if (shown.get(row.session)?.said !== said) shown.set(row.session, { said, element: make(row) });
@@ -73,12 +72,15 @@ function renew(place, shown, rows, make) {
   wanted.forEach((element, at) => {
     const present = body.children[at];
     if (present === undefined) body.append(element);
-    else if (present !== element) present.replaceWith(element);
+    else if (present !== element) replaceRow(present, element);
   });
-  if (focused && document.activeElement === document.body) {
-    [...body.querySelectorAll("button")]
-      .find((one) => one.getAttribute("aria-label") === focused)?.focus();
-  }
+}
+
+/** Put a row in place of another, and the keyboard on its button of the same place. */
+function replaceRow(present, element) {
+  const at = [...present.querySelectorAll("button")].indexOf(document.activeElement);
+  present.replaceWith(element);
+  element.querySelectorAll("button")[at]?.focus();
 }
 
 function emptyTable(place) {

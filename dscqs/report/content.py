@@ -89,7 +89,7 @@ def _summary(analysis: Analysis) -> Iterator[Block]:
     if warning is not None:
         yield Paragraph(text=warning, warning=True)
     panels = "; ".join(
-        f"{display.display}: {voters(display)} assessors, "
+        f"{display.display}: {voters(display)} assessor{'s' * (voters(display) != 1)}, "
         f"{len(display.screenings[analysis.variant].rejected)} rejected, "
         f"{len(display.matrix.presentations)} presentations"
         for display in analysis.displays

@@ -89,6 +89,7 @@ def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http):
     row.get_by_text("paused").wait_for()
     assert second.state()["stage"] == "paused"
     assert page.locator(".link code").all_inner_texts() == links
+    assert row.locator("button:focus").inner_text() == "Resume"
     row.get_by_role("button", name="Resume").click()
     row.get_by_text("test", exact=True).wait_for()
     _look(page, "operator-test")
