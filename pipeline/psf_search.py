@@ -42,10 +42,10 @@ WIDEST = 1.5
 LINES = 0.05
 """Share of edges that are none, and may have any width."""
 
-SPREAD = 0.04
+SPREAD = 0.05
 """Standard deviation of widths beyond their errors, in units of K: no edge is a perfect step."""
 
-EXCESSES = tuple(0.02 * 1.4**step for step in range(13))
+EXCESSES = tuple(0.02 * 1.1**step for step in range(44))
 """Mean excesses of the squared width that are tried, in units of K²."""
 
 NUM_LAYERS = 3
