@@ -35,7 +35,7 @@ function follow(name) {
 }
 
 function show(name, mediaTime) {
-  if (!view.works || !videos[name].videoWidth) return;
+  if (!view.works || !videos[name].videoWidth || !seen.tracks.result) return;
   view.take(name, videos[name]);
   if (name === "result") {
     drawn += 1;
@@ -51,7 +51,7 @@ function show(name, mediaTime) {
 /** Let the compared picture show the same frame. */
 function keepTogether() {
   const { result, before } = videos;
-  if (!players.before) return;
+  if (!players.before || !seen.tracks.result) return;
   const apart = before.currentTime - result.currentTime;
   const frame = 1 / (seen.tracks.result.fps || 25);
   if (result.paused || Math.abs(apart) > 0.5) {
@@ -232,6 +232,7 @@ for (const name of ["play", "pause", "ended"]) videos.result.addEventListener(na
 
 /** Show the picture that stands: a busy machine may call no frame after a seek or at the end. */
 function showStanding() {
+  if (!seen.tracks.result) return; // a stream that has been stopped
   const { fps } = seen.tracks.result;
   const at = videos.result.currentTime * fps - (videos.result.ended ? 1 : 0);
   show("result", Math.floor(at + 1e-3) / fps);
@@ -239,6 +240,7 @@ function showStanding() {
 for (const name of ["seeked", "ended"]) videos.result.addEventListener(name, showStanding);
 
 function step(frames) {
+  if (!seen?.tracks.result) return;
   videos.result.pause();
   const { fps } = seen.tracks.result;
   videos.result.currentTime = Math.max(0, (Math.max(0, shownFrame) + frames + 0.5) / fps);
