@@ -11,7 +11,7 @@ from typing import Any
 from pipeline.job import Job
 from pipeline.report import to_plain, versions
 from pipeline.segments import WARM_UP, WATCHED
-from pipeline.superresolve import STILL, WARM
+from pipeline.superresolve import NEW, STILL, WARM
 
 RESULT_SETTINGS_IGNORED = frozenset({"threads"})
 """Settings that change the time but not the result, so that a resumed run may differ in them."""
@@ -27,7 +27,7 @@ def make_fingerprint(job: Job, frames: range, targets: tuple[str, ...]) -> dict[
     }
     record |= {f"output {key}": value for key, value in to_plain(job.output).items()}
     if job.settings.temporal == "warm":
-        for name, tuning in (("warm", WARM), ("still", STILL)):
+        for name, tuning in (("warm", WARM), ("new", NEW), ("still", STILL)):
             record |= {f"{name} {key}": value for key, value in to_plain(tuning).items()}
         record["warm-up frames"] = [WATCHED, WARM_UP]
     record["frames"] = [frames.start, frames.stop]

@@ -654,8 +654,10 @@ def _reconstruct(
 def _due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due] | None:
     """Return what of a target is reconstructed again; None: all of it.
 
-    That is what has changed, and a part of what has not, another one in each frame; all of
-    it where the pixels are for the most part means of twice as many frames as they were.
+    That is what has changed, boxes with something in them that the previous frame does not show
+    more thoroughly than others, and a part of what has not, another one in each frame; all of
+    it where the pixels are for the most part means of twice as many frames as they were. Parts
+    that cost more together, with their halos, than the whole frame does are one.
     """
     still = frame.still.get(target)
     if still is None or previous.frames is None or frame.settings.solver != Solver.FUSED:

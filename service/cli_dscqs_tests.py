@@ -14,9 +14,7 @@ from typing import Any
 from pipeline.config import Settings
 from service.console import EXIT_DONE, EXIT_FAILURE
 from service.options import add_options
-from service.terminal import say
-
-SERVER = "http://127.0.0.1:8000"
+from service.terminal import add_server, say, token_of
 
 GRID_OPTIONS = ("magnification", "sampling")
 """Settings that say where the pixels of a result lie."""
@@ -31,25 +29,11 @@ def add_tests(subcommands: Any) -> None:
     _add_verify(subcommands)
 
 
-def add_server(parser: argparse.ArgumentParser, token: str) -> None:
-    """Add the options that say which service is asked."""
-    parser.add_argument(
-        "--server", default=SERVER, metavar="URL",
-        help=f"address of the service (default: {SERVER})",
-    )  # fmt: skip
-    parser.add_argument("--token", metavar="TOKEN", help=f"{token} (default: DEPTHSR_TOKEN's)")
-
-
 def add_verbose(parser: argparse.ArgumentParser) -> None:
     """Add the option that shows tracebacks."""
     parser.add_argument(
         "-v", "--verbose", action="store_true", help="tracebacks of unexpected failures"
     )
-
-
-def token_of(arguments: argparse.Namespace) -> str | None:
-    """Return the token that was given, or that of the environment."""
-    return arguments.token or os.environ.get("DEPTHSR_TOKEN")
 
 
 def read_export(path: Path) -> Any:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.console import EXIT_DONE, EXIT_FAILURE
-from service.terminal import say
+from service.terminal import add_server, say, token_of
 
 if TYPE_CHECKING:
     from service.client import Client
@@ -45,7 +45,7 @@ def add_serve(commands: Any) -> None:
         description="Send a scene to a service; watch the job; fetch the result.",
     )
     submit.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
-    _add_server(submit)
+    add_server(submit, "bearer token")
     submit.add_argument(
         "--by-path", action="store_true", help="name the scene under a root instead of sending it"
     )
@@ -69,7 +69,7 @@ def add_serve(commands: Any) -> None:
         "fetch it.",
     )
     export.add_argument("job", metavar="JOB", help="id of the job, as submit prints it")
-    _add_server(export)
+    add_server(export, "bearer token")
     export.add_argument("--watch", action="store_true", help="show progress")
     export.add_argument(
         "-o", "--output", type=Path, metavar="FILE", required=True,
@@ -78,16 +78,6 @@ def add_serve(commands: Any) -> None:
     not_theirs = (*OURS, "view_at", "segment_length")
     add_options(export.add_argument_group("output"), OutputOptions, leave_out=not_theirs)
     export.set_defaults(command=_run_export)
-
-
-def _add_server(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--server", default="http://127.0.0.1:8000", metavar="URL",
-        help="address of the service (default: http://127.0.0.1:8000)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--token", metavar="TOKEN", help="bearer token (default: what DEPTHSR_TOKEN says)"
-    )
 
 
 def _add_config(parser: argparse.ArgumentParser) -> None:
@@ -194,8 +184,7 @@ def _run_export(arguments: argparse.Namespace) -> int:
 def _client(arguments: argparse.Namespace) -> Client:
     from service.client import Client
 
-    token = arguments.token or os.environ.get("DEPTHSR_TOKEN")
-    return Client(arguments.server, token=token)
+    return Client(arguments.server, token=token_of(arguments))
 
 
 def _succeeds(client: Client, job_id: str, watch: bool) -> bool:

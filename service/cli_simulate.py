@@ -7,8 +7,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from service.cli_dscqs_tests import add_server, add_verbose, token_of
+from service.cli_dscqs_tests import add_verbose
 from service.console import EXIT_DONE, EXIT_FAILURE
+from service.terminal import add_server, token_of
 
 
 def add_simulate(subcommands: Any) -> None:

@@ -1,8 +1,9 @@
-"""What every command that works for a while has: progress, an orderly end, two options of talk."""
+"""What commands share: progress, an orderly end, options of talk and of the service asked."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -12,6 +13,22 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pipeline.stop import StopFlag
     from service.progress import Progress
+
+SERVER = "http://127.0.0.1:8000"
+
+
+def add_server(parser: argparse.ArgumentParser, token: str) -> None:
+    """Add the options that say which service is asked."""
+    parser.add_argument(
+        "--server", default=SERVER, metavar="URL",
+        help=f"address of the service (default: {SERVER})",
+    )  # fmt: skip
+    parser.add_argument("--token", metavar="TOKEN", help=f"{token} (default: DEPTHSR_TOKEN's)")
+
+
+def token_of(arguments: argparse.Namespace) -> str | None:
+    """Return the token that was given, or that of the environment."""
+    return arguments.token or os.environ.get("DEPTHSR_TOKEN")
 
 
 def add_talk(parser: argparse.ArgumentParser) -> None:

@@ -86,7 +86,7 @@ def fuse_again(
                 cut.views, grid, (height, width), psf, noise=part.noise,
                 residual_threshold=residual_threshold, tuning=part.tuning,
                 start=np.ascontiguousarray(start[fine]),
-                most_steps=most_steps, stop=stop,
+                most_steps=most_steps, judged=False, stop=stop,
             )  # fmt: skip
             work += solved.iterations * height * width
             stop_reason = solved.stop_reason

@@ -193,6 +193,7 @@ def fuse(
     tuning: FusedTuning | None = None,
     start: HrImage | None = None,
     most_steps: int | None = None,
+    judged: bool = True,
     stop: Callable[[], bool] | None = None,
 ) -> FusedResult:
     """Reconstruct a reference view from all registered views.
@@ -211,6 +212,8 @@ def fuse(
         Initial estimate; default: the reference, enlarged and sharpened.
     most_steps : int, optional
         Conjugate-gradient steps from all views, at most; default: as many as it takes.
+    judged : bool
+        Whether to measure what is left over; else ``misfits`` and ``residuals`` are empty.
     stop : callable, optional
         Polled between steps; true ends the work early.
 
@@ -272,7 +275,11 @@ def fuse(
             ]
         )
         estimate = solve(estimate, tuning.together, most_steps)
-    misfit, misfits = left_over(estimate, taps, points, registered, flags, weights)
+    residuals: tuple[float, ...] = ()
+    misfits: tuple[float, ...] = ()
+    if judged:
+        misfit, misfits = left_over(estimate, taps, points, registered, flags, weights)
+        residuals = (misfit,)
     return FusedResult(
         estimate=estimate,
         weights=tuple(weights),
@@ -280,7 +287,7 @@ def fuse(
         misfits=misfits,
         density=system.density,
         iterations=system.steps,
-        residuals=(misfit,),
+        residuals=residuals,
         stop_reason=stop_reason,
     )
 

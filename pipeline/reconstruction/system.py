@@ -191,10 +191,10 @@ class NormalEquations:
     ) -> HrImage:
         """Return the estimate after some steps of conjugate gradients, a new array.
 
-        Down Σ w (s·Bf − y)² + λ Σ W d², d the differences of neighbours (diagonals counting
-        half), W = scale / (⟨d²⟩ + scale²) with the mean around of :func:`sweeps.weigh_prior`.
-        W is held for ``hold`` steps, then weighed anew, and comes to rest where it is that of
-        the estimate itself; the directions go on being conjugate (Fletcher and Reeves).
+        Down Σ w (s·Bf − y)² + λ / scale · Σ (f d² + (1 − f) scale² log(1 + ⟨d²⟩ / scale²)), d
+        the differences of neighbours (diagonals counting half), the mean around ⟨·⟩ and the
+        floor f those of :func:`sweeps.weigh_prior`. Its weights are held for ``hold`` steps,
+        then computed anew; the directions go on being conjugate (Fletcher and Reeves).
         Preconditioned, see :meth:`_look`.
 
         Parameters
