@@ -13,6 +13,7 @@ import time
 from collections import defaultdict
 
 import httpx
+import numpy as np
 import pytest
 from scipy import stats
 
@@ -23,6 +24,13 @@ from tests.service.dscqs.support import REFERENCE, walk, write_stimuli
 
 SERVINGS = 150
 """Presentations that are asked for, two sides each."""
+
+CHANCE = 1e-9
+"""Probability below which what was seen is no chance: these draws are new in every run.
+
+What has a structure lies far below it: one byte value that never comes gives less than 1e-50, and
+75 times of which each is on the same side give 1e-13.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -120,8 +128,18 @@ def test_the_same_picture_differs_in_random_bytes_only(servings):
         for wanted in ("reference", "same")
     ]
     for observed in counts:
-        assert stats.chisquare(observed).pvalue > 1e-4
-    assert stats.chi2_contingency(counts).pvalue > 1e-4
+        assert stats.chisquare(observed).pvalue > CHANCE
+    assert stats.chi2_contingency(counts).pvalue > CHANCE
+
+
+def test_what_is_not_random_would_be_seen(servings):
+    """One byte value missing, or one kind with its own: both are below what chance can do."""
+    size = RANDOM_BYTES * len(servings["same"])
+    one_missing = np.append(np.full(255, size / 255), 0)
+    assert stats.chisquare(one_missing).pvalue < CHANCE
+    assert stats.chi2_contingency([np.full(256, size / 256), one_missing]).pvalue < CHANCE
+    later = 1e-6 * np.arange(1, len(servings["same"]) + 1)
+    assert stats.wilcoxon(later).pvalue < CHANCE
 
 
 @pytest.mark.parametrize("kind", ["same", "test"])
@@ -133,7 +151,7 @@ def test_times_do_not_tell_reference_from_test(servings, kind):
     """
     reference = {number: seconds for *_, seconds, _, number in servings["reference"]}
     differences = [seconds - reference[number] for *_, seconds, _, number in servings[kind]]
-    assert stats.wilcoxon(differences).pvalue > 1e-4
+    assert stats.wilcoxon(differences).pvalue > CHANCE
 
 
 def test_sides_are_no_hint(servings):
