@@ -40,7 +40,7 @@ DEGRADATION = Degradation(psf_sigma=1.0, noise_sigma=2.0)
 
 WHOLE = "everything"
 STRIPS = "strips for windows"
-"""The thesis' best layout; only strips leave the choice of the motion model."""
+"""The thesis' best layout."""
 LONGEST_BAR = 3.0
 """Of the plot of losses, dB; longer ones are cut off, and say how long they are."""
 NO_LIMIT = 1e6
@@ -98,6 +98,10 @@ def pieces() -> list[Variant]:
         Variant(
             name=f"{STRIPS}, translation for affine",
             method=replace(strips, model=MotionModel.TRANSLATION),
+        ),
+        Variant(
+            name="translation for affine",
+            method=replace(METHODS["default"], model=MotionModel.TRANSLATION),
         ),
         Variant(name="no calibration", calibration=False),
     ]  # fmt: skip

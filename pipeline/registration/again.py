@@ -18,6 +18,7 @@ from numba import njit
 
 from pipeline.frames import Mask
 from pipeline.registration import motions, window_kernels
+from pipeline.registration.method import MotionModel
 from pipeline.registration.motions import FITTED, FittedMotions
 from pipeline.registration.patches import Windows
 from pipeline.registration.prepare import PreparedView
@@ -102,6 +103,7 @@ def register_again(
     changed: tuple[Mask, Mask],
     noise: float,
     turn: int,
+    model: MotionModel,
 ) -> Again | None:
     """Return the windows of the previous frame, fitted anew where something has changed.
 
@@ -133,7 +135,7 @@ def register_again(
     fresh = np.zeros(patches.grid, bool)
     fresh.flat[patches.cell[dirty]] = True
     merged, kept, fitted = _merged(old, cut_view(source, parallax, fresh), dirty, fresh)
-    start = motions.from_parallax(merged.patches, parallax)
+    start = motions.from_parallax(merged.patches, parallax, model)
     start[:, motions.OFFSET] = prior.offset_mean
     start[~fitted] = merged.motion[~fitted]
     fit, samples = fit_windows(

@@ -49,6 +49,7 @@ class RegistrationMethod:
     num_subregions: int = 3
     """R, of the strips."""
     model: MotionModel = MotionModel.AFFINE
+    """Of a patch; windows are affine at most."""
     initialisation: Initialisation = Initialisation.NONE
     best_of_layer_and_patch: bool = False
     """Choose for each pixel between its layer's and its patch's motion by registration weight

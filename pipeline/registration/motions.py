@@ -92,11 +92,14 @@ def no_motion(patches: Patches) -> Motions:
     return np.zeros((len(patches.windows), MOTION_SIZE))
 
 
-def from_parallax(patches: Patches, parallax: ParallaxMotion) -> Motions:
-    """Return the affine motions that the planes of the patches have under a parallax motion.
+def from_parallax(
+    patches: Patches, parallax: ParallaxMotion, model: MotionModel = MotionModel.AFFINE
+) -> Motions:
+    """Return the motions that the planes of the patches have under a parallax motion.
 
     Thesis Figure 5: points around the patch's centre are carried over at the depth of
-    the patch (ours: of its fitted plane) and the affine motion between them is taken.
+    the patch (ours: of its fitted plane) and the affine motion between them is taken, or
+    that of the centre alone where the model is translation.
     """
     x, y, size = centres(patches)
     plane = patches.planes
@@ -108,6 +111,8 @@ def from_parallax(patches: Patches, parallax: ParallaxMotion) -> Motions:
         return parallax.land(px, py, depth) - np.stack([px, py], axis=-1)
 
     motion[:, [0, 6]] = displacement(0, 0)
+    if model is MotionModel.TRANSLATION:
+        return motion
     motion[:, [1, 7]] = displacement(0.5, 0) - displacement(-0.5, 0)
     motion[:, [2, 8]] = displacement(0, 0.5) - displacement(0, -0.5)
     return motion

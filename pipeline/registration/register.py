@@ -149,7 +149,7 @@ def register_view(
         )  # fmt: skip
     if before is not None:
         again = register_again(
-            source, reference, before.registration, before.changed, noise, before.turn
+            source, reference, before.registration, before.changed, noise, before.turn, method.model
         )
         if again is not None:
             return _renewed(source, reference, again, before, method, noise, thresholds)

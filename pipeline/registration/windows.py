@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pipeline.errors import SceneError
 from pipeline.frames import Mask, Positions
 from pipeline.registration import choice_kernels, motions
-from pipeline.registration.method import Initialisation, RegistrationMethod
+from pipeline.registration.method import Initialisation, MotionModel, RegistrationMethod
 from pipeline.registration.motions import FITTED, FitPrior, FittedMotions, Pass
 from pipeline.registration.parallax import (
     ParallaxMotion,
@@ -61,6 +61,9 @@ NO_CHOICE_COST = 2400.0
 
 LOOSE = FitPrior(along=2.0, across=0.5, linear=4.0, quadratic=16.0, offset_sigma=10.0)
 """Coarse fits: calibration or matches may be half a pixel off."""
+
+HELD = 1e9
+"""Factor on the precision of linear terms that a model does not have."""
 
 COARSE_PASSES = (Pass(level=1, iterations=4),)
 MIDDLE_PASSES = (Pass(level=0, iterations=3, stride=2),)
@@ -162,7 +165,8 @@ def register_windows(
     parallax : ParallaxMotion, optional
         That of the previous frame.
     """
-    composed = None if through is None else _start_through(*through)
+    model = method.model
+    composed = None if through is None else _start_through(*through, model)
     if composed is not None:
         fitted, parallax = composed
         across = ACROSS_THROUGH
@@ -172,16 +176,16 @@ def register_windows(
         elif parallax is None:
             parallax = view_parallax(source, reference)
         patches = cut_view(source, parallax)
-        start = motions.from_parallax(patches, parallax)
+        start = motions.from_parallax(patches, parallax, model)
         if not method.refine:
             return _unrefined(source, reference, patches, start, parallax)
         fitted, _ = fit_windows(
-            source, reference, patches, start, COARSE_PASSES, LOOSE,
+            source, reference, patches, start, COARSE_PASSES, _limited(LOOSE, model),
             motions.parallax_directions(patches, parallax), noise=noise, min_support=MIN_SUPPORT,
         )  # fmt: skip
-        fitted, parallax, across = _refit_parallax(source, fitted, parallax)
-    fitted, prior = _fitted_with(source, reference, fitted, parallax, across, noise, MIDDLE_PASSES)
-    fitted, parallax, across = _refit_parallax(source, fitted, parallax)
+        fitted, parallax, across = _refit_parallax(source, fitted, parallax, model)
+    fitted, prior = _fitted_with(source, reference, fitted, parallax, across, noise, model)
+    fitted, parallax, across = _refit_parallax(source, fitted, parallax, model)
     prior = replace(prior, across=across)
     final, samples = fit_windows(
         source, reference, windows_of(fitted), fitted.motion, LAST_PASSES, prior,
@@ -193,7 +197,7 @@ def register_windows(
 
 def _fitted_with(
     source: PreparedView, reference: PreparedView, fitted: FittedMotions,
-    parallax: ParallaxMotion, across: float, noise: float, passes: tuple[Pass, ...],
+    parallax: ParallaxMotion, across: float, noise: float, model: MotionModel,
 ) -> tuple[FittedMotions, FitPrior]:  # fmt: skip
     """Return motions fitted again with a prior that knows the view's intensity term."""
     good = (fitted.status == FITTED) & (fitted.reliable > 0.5)
@@ -203,12 +207,18 @@ def _fitted_with(
     prior = FitPrior(
         along=1.0, across=across, linear=50.0, quadratic=16.0, offset_mean=offset, offset_sigma=2.0
     )
+    prior = _limited(prior, model)
     found, _ = fit_windows(
-        source, reference, windows_of(fitted), start, passes, prior,
+        source, reference, windows_of(fitted), start, MIDDLE_PASSES, prior,
         motions.parallax_directions(fitted.patches, parallax), noise=noise,
         min_support=MIN_SUPPORT,
     )  # fmt: skip
     return found, prior
+
+
+def _limited(prior: FitPrior, model: MotionModel) -> FitPrior:
+    """Return a prior that leaves a motion only the terms that its model has."""
+    return replace(prior, linear=HELD) if model is MotionModel.TRANSLATION else prior
 
 
 def _unrefined(
@@ -247,7 +257,7 @@ def calibrated_parallax(source: PreparedView, reference: PreparedView) -> Parall
 
 
 def _refit_parallax(
-    source: PreparedView, fitted: FittedMotions, parallax: ParallaxMotion
+    source: PreparedView, fitted: FittedMotions, parallax: ParallaxMotion, model: MotionModel
 ) -> tuple[FittedMotions, ParallaxMotion, float]:
     """Return motions restarted from a parallax motion refitted to them, and its accuracy.
 
@@ -285,7 +295,7 @@ def _refit_parallax(
     nearness = np.where(fitted.status == FITTED, nearness, patches.planes[:, 0])
     planes = np.column_stack([nearness, patches.planes[:, 1:]])
     moved = replace(patches, planes=planes)
-    start = motions.from_parallax(moved, parallax)
+    start = motions.from_parallax(moved, parallax, model)
     start[:, motions.OFFSET] = fitted.motion[:, motions.OFFSET]
     return (
         replace(fitted, patches=moved, motion=start),
@@ -305,7 +315,7 @@ def along_parallax(
 
 
 def _start_through(
-    first: ViewRegistration, bridge: ViewRegistration
+    first: ViewRegistration, bridge: ViewRegistration, model: MotionModel
 ) -> tuple[FittedMotions, ParallaxMotion] | None:
     """Return motions onto a second reference, composed of those onto the first and its own.
 
@@ -339,7 +349,7 @@ def _start_through(
     parallax = fit_parallax(points[good], position[good].astype(float), nearness[good], rounds=6)
     if parallax is None or parallax.num_inliers < max(FEWEST_PATCHES, good.sum() // 2):
         return None
-    start = motions.from_parallax(moved, parallax)
+    start = motions.from_parallax(moved, parallax, model)
     start[:, motions.OFFSET] = 0.0
     return replace(fitted, patches=moved, motion=start), parallax
 

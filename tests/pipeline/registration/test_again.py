@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.registration.method import METHODS
+from pipeline.registration.method import METHODS, MotionModel
 from pipeline.registration.register import (
     Previous,
     Thresholds,
@@ -31,11 +31,11 @@ def cold(frame):
     return _previous(frame, None)
 
 
-def _previous(frame, previous: Previous | None, turn: int = 1) -> Previous:
+def _previous(frame, previous: Previous | None, turn: int = 1, method=METHOD) -> Previous:
     prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
     names = [view.view_id for view in frame.views]
     found = register_views(
-        prepared, (frame.left,), names, METHOD, noise=1.0, thresholds=THRESHOLDS, previous=previous
+        prepared, (frame.left,), names, method, noise=1.0, thresholds=THRESHOLDS, previous=previous
     )
     return Previous(prepared=prepared, registrations=found, turn=turn)
 
@@ -43,6 +43,15 @@ def _previous(frame, previous: Previous | None, turn: int = 1) -> Previous:
 def _other(previous: Previous, frame) -> ViewRegistration:
     """The registration of the last view, which is not the reference."""
     return previous.registrations[frame.left][-1]
+
+
+def _with_a_change(frame):
+    """The frame with a patch of its last view inverted."""
+    views = list(frame.views)
+    luma = views[-1].luma.copy()
+    luma[60:80, 90:110] = 255 - luma[60:80, 90:110]
+    views[-1] = replace(views[-1], luma=luma)
+    return replace(frame, views=tuple(views))
 
 
 def _moved(previous: Previous, shift: np.ndarray) -> Previous:
@@ -73,11 +82,7 @@ def test_where_nothing_changes_nothing_is_computed_again(frame, cold):
 
 
 def test_only_what_is_near_a_change_is_renewed_and_well(frame, cold):
-    views = list(frame.views)
-    luma = views[-1].luma.copy()
-    luma[60:80, 90:110] = 255 - luma[60:80, 90:110]
-    views[-1] = replace(views[-1], luma=luma)
-    again = _other(_previous(replace(frame, views=tuple(views)), cold), frame)
+    again = _other(_previous(_with_a_change(frame), cold), frame)
     before = _other(cold, frame)
     assert again.renewed is not None
     assert again.renewed[60:80, 90:110].all()
@@ -88,6 +93,16 @@ def test_only_what_is_near_a_change_is_renewed_and_well(frame, cold):
     )
     # an inverted patch fits nothing
     assert (again.registered.flags[65:75, 95:105] != 0).mean() > 0.9
+
+
+def test_what_is_renewed_has_the_motion_model_of_the_rest(frame):
+    method = replace(METHOD, model=MotionModel.TRANSLATION)
+    cold = _previous(frame, None, method=method)
+    again = _other(_previous(_with_a_change(frame), cold, method=method), frame)
+    assert again.renewed is not None
+    assert again.renewed.any()
+    assert again.motions is not None
+    assert np.abs(again.motions.motion[:, [1, 2, 7, 8]]).max() < 1e-3
 
 
 def test_a_rig_that_has_drifted_is_registered_anew(frame, cold):

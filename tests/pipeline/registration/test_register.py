@@ -186,6 +186,20 @@ def test_models_and_destination_support_can_be_combined_freely(small, base, mode
     assert np.median(errors) < (0.12 if base == "default" else 1.0)
 
 
+def test_windows_of_translation_alone_do_not_lean(wide):
+    """A slanted surface is shifted by each as a whole: no slope, and less exact for it."""
+    found = {
+        model: _register(wide.frame, replace(METHODS["default"], model=model))
+        for model in (MotionModel.TRANSLATION, MotionModel.AFFINE)
+    }
+    for registrations in found[MotionModel.TRANSLATION].values():
+        for item in registrations:
+            if not item.registered.is_reference:
+                assert np.abs(item.motions.motion[:, [1, 2, 7, 8]]).max() < 1e-3
+    shifted, affine = (np.median(_all_errors(wide, one)) for one in found.values())
+    assert affine < 0.75 * shifted
+
+
 def test_an_intensity_offset_between_views_is_taken_off(small):
     """A camera that exposes 5 grey levels more: its pixels come back at the reference's level."""
     views = list(small.frame.views)
