@@ -31,7 +31,7 @@ function stagesOf(context) {
   return {
     instructions: (state) => instructions(context, state),
     screening: form(() => screening(main, texts, context.profile)),
-    stereo_acuity: form(() => stereoAcuity(main, texts, context.profile, context.stage)),
+    stereo_acuity: form(() => stereoAcuity(context)),
     fatigue_before: form(() => fatigue(main, texts, false)),
     fatigue_after: form(() => fatigue(main, texts, true)),
     training: (state) => shown(context, state),

@@ -32,9 +32,11 @@ export class Stage {
     return this.drawing?.gl.isContextLost() ?? false;
   }
 
-  /** Show the canvas over the page, or the page again. */
-  reveal(isVisible) {
-    document.documentElement.dataset.showing = isVisible ? "yes" : "no";
+  /** Show the canvas over the page, or the page again; with the pointer where one is asked for. */
+  reveal(isVisible, { pointer = false } = {}) {
+    const { dataset } = document.documentElement;
+    dataset.showing = isVisible ? "yes" : "no";
+    dataset.pointer = pointer ? "yes" : "no";
   }
 
   /** Go to full screen; call from a click or key. What fails shows up in `reasons`. */

@@ -2,7 +2,9 @@
 
 import { button, el, show } from "./dom.js";
 import { MODES } from "./layout.js";
+import { wait } from "./pages.js";
 import { freshSeed, pick, randomFrom } from "./random.js";
+import { readyDisplay } from "./stage.js";
 import { answer, begin, threshold } from "./staircase.js";
 import {
   disparityOf, LEVELS, makeStereogram, pictureSize, squareAt, squareOf,
@@ -13,12 +15,9 @@ const BLACK = [0, 0, 0];
 /** Between two pictures nothing is shown, so that no flicker tells the difference, ms. */
 const PAUSE_MS = 400;
 
-/**
- * Show the test; resolves with its answers for the server.
- *
- * @param stage {drawing, canvas, reveal(isVisible)}
- */
-export async function stereoAcuity(main, texts, profile, stage) {
+/** Show the test; resolves with its answers for the server. */
+export async function stereoAcuity(context) {
+  const { main, texts, profile, stage } = context;
   const words = texts.stereo;
   const levels = LEVELS.map((value) => ({ value, ...disparityOf(value, profile) }));
   const base = {
@@ -30,8 +29,9 @@ export async function stereoAcuity(main, texts, profile, stage) {
     await tell(main, texts, [words.cannot]);
     return { ...base, done: false };
   }
-  await tell(main, texts, [words.glasses[profile.glasses], words.intro], texts.begin);
-  const { state, trials } = await run(levels, profile, stage);
+  await tell(main, texts, [words.glasses[profile.glasses], words.intro], texts.begin, () =>
+    stage.fill());
+  const { state, trials } = await run(context, levels);
   const arcsec = threshold(state);
   const said = [arcsec === null ? words.none : fill(words.result, { result: arcsec })];
   if (base.not_shown.length) said.push(fill(words.left, { levels: base.not_shown.join(", ") }));
@@ -39,51 +39,65 @@ export async function stereoAcuity(main, texts, profile, stage) {
   return { ...base, done: true, threshold_arcsec: arcsec, levels: state.results, trials };
 }
 
-function tell(main, texts, paragraphs, label = texts.goOn) {
+function tell(main, texts, paragraphs, label = texts.goOn, act = () => {}) {
   return new Promise((resolve) => {
+    const go = async () => {
+      await act();
+      resolve();
+    };
     show(
       main,
       "stereo-acuity",
       el("h1", { text: texts.stereo.title }),
       paragraphs.map((text) => el("p", { text })),
-      el("div", { class: "actions" }, button(label, resolve, { class: "main" })),
+      el("div", { class: "actions" }, button(label, go, { class: "main" })),
     );
   });
 }
 
-async function run(levels, profile, stage) {
+/** Ask until the staircase ends; what was disturbed is asked again with another picture. */
+async function run(context, levels) {
+  const { main, texts, profile, stage } = context;
   const random = randomFrom(freshSeed());
   let state = begin(levels);
+  let isReady = false;
   const trials = [];
-  stage.reveal(true);
   try {
     while (!state.isOver) {
+      if (!isReady) {
+        stage.reveal(false);
+        await readyDisplay(context, null);
+        show(main, "dots", el("h1", { text: texts.stereo.title }));
+        stage.reveal(true, { pointer: true });
+        isReady = true;
+      }
       const front = pick(random, 3);
       const level = state.levels[state.at];
       const seed = freshSeed();
-      const source = stage.drawing.fromPicture(
-        makePicture(profile, { front, disparity: level.pixels, seed }),
-        { stereo: true },
-      );
-      await new Promise((resolve) => {
-        setTimeout(resolve, PAUSE_MS);
-      });
-      const stop = keepDrawing(stage, source);
-      const began = performance.now();
-      const chosen = await answered(stage.canvas, profile);
-      stop();
-      stage.drawing.draw(null, BLACK);
-      stage.drawing.free(source);
-      trials.push({
-        arcsec: level.value, front: front + 1, chosen: chosen + 1, seed,
-        ms: Math.round(performance.now() - began),
-      });
+      const { chosen, ms } = await ask(stage, profile, { front, disparity: level.pixels, seed });
+      if (stage.isLost) location.reload();
+      isReady = chosen !== null;
+      if (!isReady) continue;
+      trials.push({ arcsec: level.value, front: front + 1, chosen: chosen + 1, seed, ms });
       state = answer(state, chosen === front);
     }
   } finally {
     stage.reveal(false);
   }
   return { state, trials };
+}
+
+/** Show one picture; resolves with {chosen, ms}: `chosen` is null where it was disturbed. */
+async function ask(stage, profile, picture) {
+  const source = stage.drawing.fromPicture(makePicture(profile, picture), { stereo: true });
+  await wait(PAUSE_MS);
+  const stop = keepDrawing(stage, source);
+  const began = performance.now();
+  const chosen = await answered(stage, profile);
+  stop();
+  stage.drawing.draw(null, BLACK);
+  stage.drawing.free(source);
+  return { chosen, ms: Math.round(performance.now() - began) };
 }
 
 /** Return both eyes' squares with the numbers 1, 2, 3 below, at the depth of the screen. */
@@ -127,13 +141,14 @@ function keepDrawing(stage, source) {
   };
 }
 
-/** Resolve with the square chosen, 0…2: keys 1, 2, 3, or a click on it. */
-function answered(canvas, profile) {
+/** Resolve with the square chosen, 0…2: keys 1, 2, 3, or a click on it; null if disturbed. */
+function answered({ canvas, environment }, profile) {
   const across = MODES[profile.mode].parts[0];
   return new Promise((resolve) => {
     const finish = (chosen) => {
       removeEventListener("keydown", press);
       canvas.removeEventListener("pointerdown", point);
+      unwatch();
       resolve(chosen);
     };
     const press = (event) => {
@@ -143,6 +158,7 @@ function answered(canvas, profile) {
     const point = (event) => {
       finish(squareAt(((event.offsetX / canvas.clientWidth) * across) % 1, profile));
     };
+    const unwatch = environment.watch(() => finish(null), { needsScreen: true });
     addEventListener("keydown", press);
     canvas.addEventListener("pointerdown", point);
   });

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dscqs.displays import shipped_profiles
+from tests.support.stereo import light_of, shift_between
 
 SEEN = {
     "webgl2": True, "largestTexture": 8192, "canvas": [1920, 1080], "ratio": 1, "zoom": 1,
@@ -89,9 +90,8 @@ def test_one_square_lies_in_front_by_parts_of_a_pixel(tab: Any, front, disparity
         }""",
         {"width": width, "height": height, "front": front, "disparity": disparity, "seed": 7},
     )
-    codes = np.frombuffer(base64.b64decode(made["codes"]), np.uint8) / 255
-    codes = codes.reshape(height, 2 * width)
-    light = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+    codes = np.frombuffer(base64.b64decode(made["codes"]), np.uint8)
+    light = light_of(codes.reshape(height, 2 * width))
     left, right = light[:, :width], light[:, width:]
     for index, square in enumerate(made["squares"]):
         inner = np.s_[
@@ -102,17 +102,6 @@ def test_one_square_lies_in_front_by_parts_of_a_pixel(tab: Any, front, disparity
             np.testing.assert_array_equal(left[inner], right[inner])
         else:
             assert shift_between(left[inner], right[inner]) == pytest.approx(disparity, abs=0.03)
-
-
-def shift_between(left: np.ndarray, right: np.ndarray) -> float:
-    """How far the left picture lies to the right of the other: slope of the cross spectrum."""
-    window = np.hanning(left.shape[1])
-    spectra = [np.fft.rfft((eye - eye.mean()) * window, axis=1) for eye in (left, right)]
-    cross = (spectra[1] * spectra[0].conj()).sum(axis=0)[2:16]
-    frequency = 2 * np.pi * np.arange(2, 16) / left.shape[1]
-    weight = np.abs(cross)
-    phase = np.unwrap(np.angle(cross))
-    return float((weight * phase * frequency).sum() / (weight * frequency**2).sum())
 
 
 @pytest.mark.parametrize("name", ["passive-uhd-tv", "polarised", "side-by-side-tv", "anaglyph"])
