@@ -6,6 +6,6 @@
 Both judge what they found by the floors of :mod:`floors`. Nothing here is installed.
 """
 
-from service.numba_cache import prepare_numba_cache
+from pipeline.numba_cache import prepare_numba_cache
 
 prepare_numba_cache()  # before any of them imports numba

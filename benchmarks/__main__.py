@@ -17,7 +17,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--threads", type=int, default=2, help="threads (default: %(default)s)")
     options = parser.parse_args(arguments)
 
-    from service.numba_cache import prepare_numba_cache
+    from pipeline.numba_cache import prepare_numba_cache
 
     prepare_numba_cache()  # before anything imports numba
 

@@ -78,7 +78,7 @@ def bench_settings(threads: int, magnification: int = 2) -> Settings:
 
 
 def main(arguments: list[str]) -> int:
-    from service.numba_cache import prepare_numba_cache
+    from pipeline.numba_cache import prepare_numba_cache
 
     prepare_numba_cache()
     from pipeline.report import peak_memory_mib

@@ -91,7 +91,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.resume and options.json is None:
         parser.error("--resume: needs --json FILE")
 
-    from service.numba_cache import prepare_numba_cache
+    from pipeline.numba_cache import prepare_numba_cache
 
     prepare_numba_cache()  # before anything imports numba
 

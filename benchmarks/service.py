@@ -345,7 +345,7 @@ def _serve_events(data: Path, count: int, address: Any) -> None:
 
 def measure(load: Load, note: Any = lambda name: None) -> list[Measured]:
     """Put the loads on, one after the other; those of no size are left out."""
-    from service.numba_cache import prepare_numba_cache
+    from pipeline.numba_cache import prepare_numba_cache
 
     prepare_numba_cache()  # before anything imports numba
     from pipeline.synthetic.scene import SampleScene

@@ -288,12 +288,14 @@ def _with_whole_paths(work: Work) -> Work:
 def _call(name: str) -> Callable[[bytes], Any]:
     """Return a function that calls one of this module; it travels whole.
 
-    Neither it nor its argument, a pickle in a pickle, asks the scheduler for this package.
+    Neither it nor its argument, a pickle in a pickle, asks the scheduler for this package. Where
+    the worker keeps what it compiles is decided before it imports what would be compiled.
     """
 
     def call(order: bytes) -> Any:
         import importlib
 
+        importlib.import_module("pipeline.numba_cache").prepare_numba_cache()
         return getattr(importlib.import_module("pipeline.cluster"), name)(order)
 
     return call

@@ -6,13 +6,21 @@ For installations whose users cannot write to the cache, and for containers.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from pipeline.config import REGISTRATION_PRESETS, Settings, Solver
+from pipeline.frames import MultiViewFrame, View
+from pipeline.freeview import Place
 from pipeline.superresolve import superresolve
 from pipeline.synthetic import SampleScene
+from pipeline.view_at import with_view_between
+from pipeline.worker import Worker
 
 WIDTH, HEIGHT, NUM_VIEWS = 96, 72, 3
 """Of the small frames, LR pixels: large enough for patches, pyramids and a PSF."""
+
+NUM_FRAMES = 3
+"""Of the small stream."""
 
 
 def kinds_of_settings() -> dict[str, Settings]:
@@ -45,4 +53,35 @@ def compile_kernels(on_step: Callable[[str], None] = lambda _: None) -> int:
         )  # fmt: skip
     on_step("a single view")
     superresolve(frame, Settings(), targets=(frame.left,), observed_views=(frame.left,))
-    return len(kinds) + 2
+    on_step("a stream, a view between")
+    _do_stream(scene)
+    return len(kinds) + 3
+
+
+def _do_stream(scene: SampleScene) -> None:
+    """Super-resolve frames of a fixed rig and a stereo matcher, each from the last.
+
+    In the last of them a part is another: that part alone is registered and solved again.
+    """
+    settings = Settings(temporal="warm")
+    left, right = "cam0", "cam1"
+    worker = Worker(settings, targets=(left, right), keep_intermediates=True)
+    for index in range(NUM_FRAMES):
+        frame = scene.frame(noise_sigma=1.0, noise_seed=index, depth="stereo")
+        if index == NUM_FRAMES - 1:
+            frame = _partly_negative(frame)
+        result = worker.take(frame)
+    with_view_between(
+        result, frame, Place(left=left, right=right, at=0.5), "between", settings.grid
+    )
+
+
+def _partly_negative(frame: MultiViewFrame) -> MultiViewFrame:
+    """Return the frame with the left quarter of every view's luma turned round."""
+
+    def turned(view: View) -> View:
+        luma = view.luma.copy()
+        luma[:, : WIDTH // 4] = 255 - luma[:, : WIDTH // 4]
+        return replace(view, luma=luma)
+
+    return replace(frame, views=tuple(map(turned, frame.views)))

@@ -1,7 +1,8 @@
 """A small ordered thread pool for the numeric rooms, whose kernels release the GIL.
 
 Results come back in the order of the items whatever the number of threads, so
-that sums over them are the same on every machine.
+that sums over them are the same on every machine. For the same reason numpy's linear
+algebra runs on one thread, always: how its sums are split depends on their number.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 import cv2
+import threadpoolctl
 
 from pipeline.errors import Interrupted
 
@@ -48,6 +50,7 @@ def set_threads(threads: int) -> int:
             # who holds the old pool finishes with it; its threads end when nobody does
             _pool = None
             _size = wanted
+            threadpoolctl.threadpool_limits(1, user_api="blas")
     cv2.setNumThreads(wanted)
     return wanted
 

@@ -23,12 +23,12 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from pipeline.numba_cache import prepare_numba_cache
 from service.cli_dscqs import add_dscqs
 from service.cli_evaluate import add_evaluate
 from service.cli_serve import add_serve
 from service.cli_streams import add_streams
 from service.console import EXIT_DONE, EXIT_FAILURE, EXIT_USAGE, one_line, report_error
-from service.numba_cache import prepare_numba_cache
 from service.terminal import add_talk, say, watching
 
 if TYPE_CHECKING:

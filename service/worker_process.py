@@ -48,7 +48,7 @@ def main() -> int:
     """Do the jobs that stdin orders, until one of them does not end well."""
     voice = take_stdout()
     orders = begin(voice)
-    from service.numba_cache import prepare_numba_cache
+    from pipeline.numba_cache import prepare_numba_cache
 
     prepare_numba_cache()
     while _serve(WorkOrder(**json.loads(orders.get())), voice):

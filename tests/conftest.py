@@ -11,7 +11,7 @@ from typing import Any
 import hypothesis
 import pytest
 
-from service.numba_cache import prepare_numba_cache
+from pipeline.numba_cache import prepare_numba_cache
 from tests.support.needed import absent, program
 
 prepare_numba_cache()  # before anything imports numba

@@ -208,7 +208,12 @@ def test_no_global_random_state(package):
 
 def test_the_command_line_imports_nothing_heavy_at_its_top():
     heavy = {"numpy", "cv2", "av", "numba", "scipy"}
-    light = ["service/cli.py", "service/console.py", "service/options.py", "service/numba_cache.py"]
+    light = [
+        "service/cli.py",
+        "service/console.py",
+        "service/options.py",
+        "pipeline/numba_cache.py",
+    ]
     light += [f"pipeline/{name}.py" for name in ("config", "job", "errors", "grid")]
     for place in light:
         for path in _files(place):

@@ -57,7 +57,7 @@ def main() -> int:
     limit_memory(order.memory)
     begin(voice)
 
-    from service.numba_cache import prepare_numba_cache
+    from pipeline.numba_cache import prepare_numba_cache
 
     prepare_numba_cache()
     from pipeline.errors import PipelineError

@@ -13,9 +13,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import cloudpickle
 import pytest
 
-from pipeline.cluster import ClusterEngine, examine
+from pipeline.cluster import ClusterEngine, _call, examine
 from pipeline.config import Settings
 from pipeline.errors import ClusterError, Interrupted, SceneError
 from pipeline.events import FrameFinished, SegmentFinished
@@ -112,6 +113,27 @@ def local(manifest, tmp_path_factory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("local") / "job"
     run_job(_job(manifest, folder))
     return _bytes(folder)
+
+
+def test_a_worker_keeps_what_it_compiles_where_every_process_does(tmp_path):
+    """What came with the installation, compiled ahead, is there for Dask's workers too."""
+    call = tmp_path / "call"
+    call.write_bytes(cloudpickle.dumps(_call("_first_line")))
+    program = (
+        "import cloudpickle, pathlib, sys\n"
+        "call = cloudpickle.loads(pathlib.Path(sys.argv[1]).read_bytes())\n"
+        "assert call('a\\nb') == 'a'\n"
+        "from numba import config\n"
+        "print(config.CACHE_DIR)"
+    )
+    environment = {
+        key: value for key, value in os.environ.items() if not key.startswith(("NUMBA", "DEPTHSR"))
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", program, call], check=True, timeout=60, text=True,
+        stdout=subprocess.PIPE, cwd=ROOT, env={**environment, "DEPTHSR_CACHE": str(tmp_path)},
+    )  # fmt: skip
+    assert Path(done.stdout.strip()) == tmp_path / "numba"
 
 
 def test_a_worker_killed_in_the_middle_costs_a_retry_and_no_bit(cluster, manifest, local, tmp_path):

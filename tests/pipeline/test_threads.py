@@ -1,10 +1,19 @@
 from __future__ import annotations
 
+import hashlib
+import os
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import cv2
 import pytest
+import threadpoolctl
 
+from pipeline.config import Settings
+from pipeline.superresolve import superresolve
+from pipeline.synthetic import SampleScene
 from pipeline.threads import available_cores, map_threads, set_threads, thread_count
 
 
@@ -32,6 +41,30 @@ def test_set_threads_reaches_opencv_and_zero_means_all():
     assert set_threads(3) == thread_count() == 3
     assert cv2.getNumThreads() == 3
     assert set_threads(0) == available_cores()
+
+
+def test_linear_algebra_stays_on_one_thread():
+    set_threads(3)
+    counts = [p["num_threads"] for p in threadpoolctl.threadpool_info() if p["user_api"] == "blas"]
+    assert counts
+    assert set(counts) == {1}
+
+
+def digest_of_a_frame() -> str:
+    """Return the SHA-256 of a frame large enough for numpy to share out its sums."""
+    frame = SampleScene(width=200, height=150, num_views=3).frame(noise_sigma=2.0)
+    luma = superresolve(frame, Settings(), targets=(frame.left,)).images[frame.left].luma
+    return hashlib.sha256(luma.tobytes()).hexdigest()
+
+
+def test_how_many_threads_numpy_was_given_changes_no_bit():
+    program = "from tests.pipeline.test_threads import digest_of_a_frame as d; print(d())"
+    alone = subprocess.run(
+        [sys.executable, "-c", program], check=True, timeout=300, text=True,
+        stdout=subprocess.PIPE, cwd=Path(__file__).parents[2],
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"},
+    )  # fmt: skip
+    assert alone.stdout.strip() == digest_of_a_frame()
 
 
 def test_nested_use_neither_deadlocks_nor_multiplies():

@@ -31,8 +31,8 @@ def drive(scene: str, folder: str, again: str) -> None:
     Each try is a process of its own. The n-th file that is flushed to the disk loses its second
     half, and the process ends there, before the file gets its name; nothing is cleaned up.
     """
+    from pipeline.numba_cache import prepare_numba_cache
     from service.child import Voice
-    from service.numba_cache import prepare_numba_cache
 
     prepare_numba_cache()
     for name in ("pipeline.export", "pipeline.run", "service.jobs.request", "service.jobs.sinks"):

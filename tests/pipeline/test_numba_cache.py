@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from service import numba_cache
-from service.numba_cache import prepare_numba_cache
+from pipeline import numba_cache
+from pipeline.numba_cache import prepare_numba_cache
 
 
 def test_a_folder_that_is_set_stays(tmp_path):
@@ -79,7 +79,7 @@ def test_numba_writes_where_it_was_told_to(tmp_path):
         "import numba\n@numba.njit(cache=True)\ndef twice(x):\n    return x + x\n"
     )
     program = (
-        "from service.numba_cache import prepare_numba_cache\n"
+        "from pipeline.numba_cache import prepare_numba_cache\n"
         "prepare_numba_cache()\nimport kernel\nassert kernel.twice(2) == 4\n"
     )
     root = Path(__file__).parents[2]
