@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,6 +19,22 @@ LONGEST_SESSION_S = 1800.0
 
 STAGES = ("instructions", "screening", "stereo_acuity", "fatigue_before", "fatigue_after")
 """Stages that a plan may leave out; training, presentations, breaks and thanks follow from it."""
+
+RANGES: Mapping[str, tuple[float, float]] = {
+    "repetitions": (1, 20),
+    "dummies": (0, 20),
+    "coherence": (0, 10_000),
+    "break_every": (0, 10_000),
+    "break_s": (0.0, 3600.0),
+    "grey": (0, 255),
+    "seed": (0, 2**63 - 1),
+    "timing.show_s": (0.1, 3600.0),
+    "timing.grey_s": (0.0, 3600.0),
+    "timing.vote_s": (0.1, 3600.0),
+    "timing.showings": (1, 100),
+    "timing.tolerance_s": (0.0, 3600.0),
+}
+"""Least and most of every number of a plan; whole numbers where these are."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,12 +52,7 @@ class Timing:
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):
-            value = getattr(self, item.name)
-            whole = item.name == "showings"
-            if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
-                raise PlanError(f"timing.{item.name}: {value!r} is not a number")
-            if not math.isfinite(value) or value < (0 if item.name == "grey_s" else 0.1):
-                raise PlanError(f"timing.{item.name}: {value} is too small or not finite")
+            _check_number(f"timing.{item.name}", getattr(self, item.name))
 
     @property
     def presentation_s(self) -> float:
@@ -152,24 +162,15 @@ class Plan:
             raise PlanError(f"folder: {self.folder!r} is not a path")
 
     def _check_numbers(self) -> None:
-        for name, least, most in (
-            ("repetitions", 1, 20),
-            ("dummies", 0, 20),
-            ("coherence", 0, len(self.contents) * len(self.conditions)),
-            ("break_every", 0, 10_000),
-            ("grey", 0, 255),
-            ("seed", 0, 2**63 - 1),
-        ):
-            value = getattr(self, name)
-            if type(value) is not int or not least <= value <= most:
-                raise PlanError(f"{name}: {value!r} is not a whole number from {least} to {most}")
+        for name in RANGES:
+            if not name.startswith("timing."):
+                _check_number(name, getattr(self, name))
+        pairs = len(self.contents) * len(self.conditions)
+        if self.coherence > pairs:
+            raise PlanError(f"coherence: {self.coherence} is more than the {pairs} pairs there are")
         for name in ("captions", "long_session"):
             if not isinstance(getattr(self, name), bool):
                 raise PlanError(f"{name}: {getattr(self, name)!r} is neither true nor false")
-        if isinstance(self.break_s, bool) or not isinstance(self.break_s, (int, float)):
-            raise PlanError(f"break_s: {self.break_s!r} is not a number")
-        if not 0 <= self.break_s <= 3600:
-            raise PlanError(f"break_s: {self.break_s} is not a time from 0 to 3600 s")
 
     def _check_stimuli(self) -> None:
         for name in ("stimuli", "hashes", "pixels"):
@@ -248,6 +249,22 @@ def plan_from_dict(data: object) -> Plan:
 def plan_to_dict(plan: Plan) -> dict[str, Any]:
     """Return the plan as JSON knows it; :func:`plan_from_dict` makes the same plan of it."""
     return json.loads(json.dumps(dataclasses.asdict(plan)))
+
+
+def _check_number(name: str, value: object) -> None:
+    least, most = RANGES[name]
+    is_whole = isinstance(least, int)
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int if is_whole else (int, float))
+        or not least <= value <= most
+    ):
+        said = (
+            f"whole number from {least} to {most}"
+            if is_whole
+            else f"number from {least:g} to {most:g}"
+        )
+        raise PlanError(f"{name}: {value!r} is not a {said}")
 
 
 def _check_names(name: str, value: object) -> None:

@@ -393,6 +393,55 @@ def test_every_debug_picture_is_described():
     assert set(written) <= rows
 
 
+# Plans of tests
+
+
+def _plan_fields() -> list[tuple[str, dataclasses.Field]]:
+    from dscqs.plan import Plan, Timing
+
+    plain = [(item.name, item) for item in dataclasses.fields(Plan) if item.name != "timing"]
+    return plain + [(f"timing.{item.name}", item) for item in dataclasses.fields(Timing)]
+
+
+def _plan_rows() -> dict[str, list[str]]:
+    text = _text("docs/dscqs.md").partition("## The plan, field by field")[2].partition("\n## ")[0]
+    return {first.strip("`"): cells for first, *cells in _rows(text)[1:]}
+
+
+def test_every_field_of_a_plan_is_described_and_no_other():
+    assert set(_plan_rows()) == {name for name, _ in _plan_fields()}
+
+
+def _usual(item: dataclasses.Field) -> str:
+    """Return the default of a field of a plan as the table says it."""
+    match item.default:
+        case dataclasses.MISSING:
+            return "needed" if item.default_factory is dataclasses.MISSING else "none"
+        case bool():
+            return str(item.default).lower()
+        case tuple():
+            return "all" if item.name == "stages" else ", ".join(item.default) or "none"
+        case _:
+            return str(item.default) if isinstance(item.default, str) else f"{item.default:g}"
+
+
+@pytest.mark.parametrize(("name", "item"), _plan_fields(), ids=lambda one: str(one)[:20])
+def test_defaults_and_values_of_a_plan(name, item):
+    from dscqs.plan import DIMENSIONS, RANGES, STAGES
+
+    default, values, meaning = _plan_rows()[name]
+    assert meaning
+    assert default.strip("`") == _usual(item)
+    if name in RANGES:
+        assert values == " to ".join(
+            str(end) if isinstance(end, int) else f"{end:g}" for end in RANGES[name]
+        )
+    elif name in ("dimensions", "stages"):
+        assert tuple(CODE.findall(values)) == {"dimensions": DIMENSIONS, "stages": STAGES}[name]
+    elif isinstance(item.default, bool):
+        assert values == "true, false"
+
+
 # The house
 
 

@@ -2,18 +2,29 @@
 
 import { el, show } from "./dom.js";
 
-const NUMBERS = [
-  ["repetitions", "Times each pair is shown", 1, 1, 20],
-  ["dummies", "Dummies at the start", 5, 0, 20],
-  ["coherence", "Pairs that come once more", 0, 0, 100],
-  ["break_every", "A break after so many (0: none)", 0, 0, 1000],
-  ["seed", "Seed of the order", 1, 0, 1e9],
+const ORDER = [
+  ["repetitions", "Times each pair is shown"],
+  ["dummies", "Dummies at the start"],
+  ["coherence", "Pairs that come once more"],
+  ["break_every", "A break after so many (0: none)"],
+  ["break_s", "Length of a break [s]"],
+  ["seed", "Seed of the order"],
 ];
-const TIMES = [
-  ["show_s", "A or B is shown [s]", 3],
-  ["grey_s", "Grey between [s]", 2],
-  ["vote_s", "Vote [s]", 8],
+const SHOWING = [
+  ["timing.show_s", "A or B is shown [s]"],
+  ["timing.grey_s", "Grey between [s]"],
+  ["timing.showings", "Times A and B are shown in turn"],
+  ["timing.vote_s", "Vote [s]"],
+  ["timing.tolerance_s", "Off by more has failed [s]"],
+  ["grey", "Level of the grey, 0 to 255"],
 ];
+const STAGES = {
+  instructions: "instructions",
+  screening: "eyes",
+  stereo_acuity: "stereo acuity",
+  fatigue_before: "fatigue before",
+  fatigue_after: "fatigue after",
+};
 const TRY_AFTER_MS = 250;
 
 function field(label, input) {
@@ -63,6 +74,7 @@ export async function newTest(context, main) {
     plan = tried.plan ?? null;
     make.disabled = plan === null;
     summary.classList.toggle("wrong", plan === null);
+    point(form, tried.message ?? "");
     summary.textContent = plan === null
       ? tried.message
       : `${counted(plan.contents.length, "content")} × ${counted(plan.conditions.length, "condition")} against `
@@ -99,17 +111,39 @@ function describe(making) {
     field("Name", el("input", { name: "name", maxlength: 200, placeholder: "as the template" })),
     checks("displays", "Displays", displays.map(([key, title]) => [key, `${key} – ${title}`]), [displays[0][0]], "options"),
     checks("dimensions", "Graded", making.dimensions.map((key) => [key, key]), ["quality"]),
+    head("Order"),
     field("Training contents", el("input", { name: "training", placeholder: "content, content" })),
-    NUMBERS.map(([name, text, value, min, max]) =>
-      field(text, el("input", { type: "number", name, value, min, max, step: 1 }))),
-    TIMES.map(([name, text, value]) =>
-      field(text, el("input", { type: "number", name, value, min: 0, max: 60, step: 0.5 }))),
-    field("Presentation", select("variant", [
-      ["II", "II: A, B, A, B, then the vote"], ["I", "I: the assessor switches freely"]])),
-    el("fieldset", {},
-      el("label", {},
-        el("input", { type: "checkbox", name: "long_session" }),
-        el("span", { text: "More than 30 minutes are wanted" }))));
+    numbers(ORDER, making),
+    head("Presentation"),
+    field("Variant", select("variant", [
+      ["II", "II: A and B in turn, then the vote"], ["I", "I: the assessor switches freely"]])),
+    numbers(SHOWING, making),
+    checks("captions", "Captions", [["captions", "letters A and B on the grey"]], ["captions"]),
+    head("Session"),
+    checks("stages", "Stages", making.stages.map((key) => [key, STAGES[key]]), making.stages),
+    checks("long_session", "Length", [["long_session", "more than 30 minutes are wanted"]], []));
+}
+
+function head(text) {
+  return el("h2", { class: "wide", text });
+}
+
+function numbers(names, making) {
+  return names.map(([name, text]) => {
+    const { usual, least, most, whole } = making.numbers[name];
+    return field(text, el("input", {
+      type: "number", name, value: usual, min: least, max: most, step: whole ? 1 : "any",
+    }));
+  });
+}
+
+/** Mark the field that a message of the plan begins with. */
+function point(form, message) {
+  const wrong = message.split(":")[0];
+  for (const input of form.elements) {
+    if (input.name && input.name === wrong) input.setAttribute("aria-invalid", "true");
+    else input.removeAttribute("aria-invalid");
+  }
 }
 
 /** Return what the form says, as the service takes it. */
@@ -118,11 +152,17 @@ function wanted(form) {
   const fields = {
     displays: said.getAll("displays"),
     dimensions: said.getAll("dimensions"),
+    stages: said.getAll("stages"),
     variant: said.get("variant"),
+    captions: said.has("captions"),
     long_session: said.has("long_session"),
-    timing: Object.fromEntries(TIMES.map(([name]) => [name, Number(said.get(name))])),
+    timing: {},
   };
-  for (const [name] of NUMBERS) fields[name] = Number(said.get(name));
+  for (const [name] of [...ORDER, ...SHOWING]) {
+    const value = form.elements[name].valueAsNumber;
+    if (name.startsWith("timing.")) fields.timing[name.slice("timing.".length)] = value;
+    else fields[name] = value;
+  }
   return {
     folder: said.get("folder"),
     template: said.get("template"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import os
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 
 from dscqs.errors import DscqsError
-from dscqs.plan import DIMENSIONS, plan_to_dict
+from dscqs.plan import DIMENSIONS, RANGES, STAGES, Plan, Timing, plan_to_dict
 from dscqs.templates import TEMPLATES, make_plan
 from service.http.dscqs import Asked, Name
 from service.http.dscqs_access import Operating
@@ -31,11 +32,22 @@ MOST = 200
 """Folders that are listed."""
 
 
+class Number(BaseModel):
+    """A number of a plan: as it usually is, its least and most, and whether it is whole."""
+
+    usual: float
+    least: float
+    most: float
+    whole: bool
+
+
 class Making(BaseModel):
     """What tests can be made of."""
 
     templates: dict[str, dict[str, Any]]
     dimensions: list[str]
+    stages: list[str]
+    numbers: dict[str, Number]
     displays: dict[str, str]
     calibrated: list[str]
     folders: list[dict[str, Any]]
@@ -77,6 +89,8 @@ def making(request: Request, name: Operating) -> Making:
             for key, one in TEMPLATES.items()
         },
         dimensions=list(DIMENSIONS),
+        stages=list(STAGES),
+        numbers=_numbers(),
         displays={key: profile.title for key, profile in profiles.items()},
         calibrated=[key for key, profile in profiles.items() if profile.calibrated],
         folders=[
@@ -119,6 +133,15 @@ def code(name: Operating, asked: Text) -> Response:
     drawn = io.BytesIO()
     segno.make(asked.text, error="m").save(drawn, kind="svg", scale=4, border=4, light="white")
     return Response(drawn.getvalue(), media_type="image/svg+xml")
+
+
+def _numbers() -> dict[str, Number]:
+    usual: dict[str, Any] = {item.name: item.default for item in dataclasses.fields(Plan)}
+    usual |= {f"timing.{item.name}": item.default for item in dataclasses.fields(Timing)}
+    return {
+        name: Number(usual=usual[name], least=least, most=most, whole=isinstance(least, int))
+        for name, (least, most) in RANGES.items()
+    }
 
 
 def _folders_of(root: Path) -> Iterator[dict[str, Any]]:

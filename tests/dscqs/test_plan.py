@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from dscqs.errors import PlanError
-from dscqs.plan import Timing, plan_from_dict
+from dscqs.plan import RANGES, Plan, Timing, plan_from_dict
 
 STIMULI = {
     f"{content}/{condition}": f"{content}-{condition}.png"
@@ -60,7 +62,11 @@ def test_more_than_half_an_hour_is_refused_unless_wanted():
         ({"kind": "film"}, "kind: 'film'"),
         ({"kind": ["still"]}, "kind: "),
         ({"timing": {"show_s": float("nan")}}, "timing.show_s"),
-        ({"timing": {"showings": 1.5}}, "timing.showings"),
+        ({"timing": {"showings": 1.5}}, "timing.showings: 1.5 is not a whole number from 1 to 100"),
+        ({"timing": {"tolerance_s": -0.1}}, "timing.tolerance_s: -0.1 is not a number from 0 to"),
+        ({"timing": {"show_s": 1e9}}, "timing.show_s: 1000000000.0 is not a number from 0.1 to"),
+        ({"break_s": "60"}, "break_s: '60' is not a number from 0 to 3600"),
+        ({"coherence": 5}, "coherence: 5 is more than the 4 pairs"),
         ({"timing": {"pause": 1}}, "timing: "),
         ({"timing": 3}, "timing: "),
         ({"colour": "red"}, "colour: no such field"),
@@ -88,3 +94,12 @@ def test_what_is_missing_is_named(name):
 
 def test_no_grey_between_is_allowed():
     assert Timing(grey_s=0).presentation_s == 2 * 2 * 3 + 8
+
+
+def test_every_number_of_a_plan_has_a_range_that_holds_its_default():
+    numbers = {item.name: item.default for item in dataclasses.fields(Plan)}
+    numbers |= {f"timing.{item.name}": item.default for item in dataclasses.fields(Timing)}
+    numbers = {name: value for name, value in numbers.items() if type(value) in (int, float)}
+    assert set(RANGES) == set(numbers)
+    for name, (least, most) in RANGES.items():
+        assert least <= numbers[name] <= most

@@ -42,7 +42,7 @@ def _look(page: Page, name: str) -> None:
         page.screenshot(path=Path(os.environ["DEPTHSR_SCREENSHOTS"]) / f"{name}.png")
 
 
-def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http):
+def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http, operator):
     page.get_by_label("Token").fill("not this one")
     page.get_by_role("button", name="Log in").click()
     page.get_by_text("lets no operator in").wait_for()
@@ -57,6 +57,14 @@ def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http):
     page.get_by_text("more than 30").wait_for()
     assert page.get_by_role("button", name="Make the test").is_disabled()
     page.get_by_label("Times each pair is shown").fill("1")
+    page.get_by_label("Level of the grey").fill("256")
+    page.get_by_text("grey: 256 is not a whole number from 0 to 255").wait_for()
+    assert page.locator("[aria-invalid]").get_attribute("name") == "grey"
+    page.get_by_label("Level of the grey").fill("74")
+    page.get_by_label("letters A and B").uncheck()
+    page.get_by_label("Times A and B are shown in turn").fill("3")
+    page.get_by_label("A or B is shown [s]").fill("2.5")
+    page.get_by_label("fatigue after").uncheck()
     page.get_by_label("Training contents").fill("lawn")
     page.get_by_label("Dummies at the start").fill("1")
     page.get_by_label("Name", exact=True).fill("Thesis, set 1")
@@ -66,6 +74,13 @@ def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http):
     page.get_by_role("button", name="Make the test").click()
 
     page.get_by_role("heading", name="Thesis, set 1").wait_for()
+    (made,) = operator.http.get("/dscqs/api/operator/tests").json()[:1]
+    made = operator.http.get(f"/dscqs/api/operator/tests/{made['test']}").json()["plan"]
+    assert (made["grey"], made["captions"]) == (74, False)
+    assert made["timing"] == {
+        "show_s": 2.5, "grey_s": 2, "vote_s": 8, "showings": 3, "tolerance_s": 0.1,
+    }  # fmt: skip
+    assert made["stages"] == ["instructions", "screening", "stereo_acuity", "fatigue_before"]
     page.get_by_text("Nobody was let in yet").wait_for()
     page.get_by_label("Codes of assessors").fill("a1, a2")
     page.get_by_role("button", name="Links to stations").click()
