@@ -29,7 +29,7 @@ demo: $(RUN)
 test: $(DEV) $(PEERS) system
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile
+	$(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder
 
 bench: $(RUN)
 	$(BIN)/python -m benchmarks
