@@ -12,7 +12,7 @@ from pipeline.config import Settings
 from pipeline.degradation import Degradation
 from pipeline.errors import ConfigurationError
 from pipeline.evaluate import BORDER
-from pipeline.evaluation import ablations, fidelity, registrations, sensitivity, spectra
+from pipeline.evaluation import ablations, fidelity, left_out, registrations, sensitivity, spectra
 from pipeline.evaluation.methods import fidelity as fidelity_of
 from pipeline.evaluation.subjects import open_subject
 from pipeline.synthetic import SampleScene, write_scene
@@ -145,6 +145,25 @@ def test_without_a_piece_something_is_lost(subject):
     assert by_name[("views", "1")] < by_name[("views", "2")] < by_name[("views", "3")]
     assert ("piece", "no calibration") not in by_name
     assert any("more views bring" in sentence for sentence in ablations.chapter(found, []).answer)
+
+
+def test_what_is_clipped_is_not_asked_of_a_prediction(subject):
+    """A strip of sky that flickers between black and white changes who is asked, not the answer."""
+    frame = subject.sample.frame(0, psf_sigma=1.0, noise_sigma=1.0)
+    stream = np.random.default_rng(1)
+    views = []
+    for view in frame.views:
+        luma = view.luma.copy()
+        luma[:12] = stream.choice([0.0, 255.0], size=luma[:12].shape)
+        views.append(replace(view, luma=luma))
+    burnt = replace(frame, views=tuple(views))
+    plain, clipped = (
+        left_out.measure_prediction(replace(subject, frame=filmed, sample=None))[0]
+        for filmed in (frame, burnt)
+    )
+    assert clipped.pixels < plain.pixels - 0.1
+    assert clipped.default > clipped.bicubic
+    assert clipped.default == pytest.approx(plain.default, abs=1.0)
 
 
 def test_too_small_a_scene_and_a_missing_frame_are_refused(tmp_path):
