@@ -1,9 +1,13 @@
 /** Variant I: the assessor changes between A and B as they like, and grades when they want to. */
 
+import { freeButtons } from "./free-buttons.js";
 import { frameAt } from "./schedule.js";
 
-/** Show until Enter, once both were seen; resolves with the log of what was shown when. */
-export async function freeViewing({ presentation, sides, screen, environment }) {
+/**
+ * Show until the assessor wants to grade, once both were seen: by keys, or by buttons over the
+ * picture. Resolves with the log of what was shown when.
+ */
+export async function freeViewing({ presentation, sides, screen, environment, main, texts, title }) {
   const period = await environment.period();
   await Promise.all(Object.values(sides).map((side) => side.begin()));
   const surround = [presentation.grey, presentation.grey, presentation.grey];
@@ -29,14 +33,17 @@ export async function freeViewing({ presentation, sides, screen, environment }) 
       index = null;
       entry = { what, planned_ms: null, from_ms: now(), to_ms: null, frames: 0, late: 0, dropped: 0 };
       log.intervals.push(entry);
+      bar.mark(what, mayGrade());
       sides[what].begin().catch((error) => fault({ kind: "decode", detail: error.message }));
     };
+    const mayGrade = () => log.intervals.some((one) => one.what !== what);
     const finish = () => {
       if (isOver) return;
       isOver = true;
       entry.to_ms = now();
       stop();
       removeEventListener("keydown", press);
+      bar.remove();
       for (const side of Object.values(sides)) side.rest();
       resolve(log);
     };
@@ -46,9 +53,10 @@ export async function freeViewing({ presentation, sides, screen, environment }) 
     };
     const press = (event) => {
       const key = event.key.toLowerCase();
+      if (event.target.closest?.("button") && [" ", "enter"].includes(key)) return;
       if (key === "a" || key === "b") change(key.toUpperCase());
       else if (key === " ") change(what === "A" ? "B" : "A");
-      else if (key === "enter" && log.intervals.some((one) => one.what !== what)) finish();
+      else if (key === "enter" && mayGrade()) finish();
       else return;
       event.preventDefault();
     };
@@ -75,6 +83,9 @@ export async function freeViewing({ presentation, sides, screen, environment }) 
     };
     const stop = environment.watch(fault, { needsScreen: screen.needsScreen });
     addEventListener("keydown", press);
+    const bar = freeButtons(main, texts, title, {
+      A: () => change("A"), B: () => change("B"), grade: finish,
+    });
     change("A");
     screen.requestFrame(draw);
   });

@@ -30,8 +30,8 @@ export async function load({ api, stage }) {
   return loaded;
 }
 
-/** Show a loaded presentation; resolves with its log. */
-export async function perform({ stage, texts }, { presentation, sides, log }) {
+/** Show a loaded presentation, whose number is `title`; resolves with its log. */
+export async function perform({ main, stage, texts }, { presentation, sides, log }, title) {
   if (log !== null) return log;
   const letters = makeLetters(stage.drawing, presentation.grey);
   const surround = [presentation.grey, presentation.grey, presentation.grey];
@@ -41,7 +41,7 @@ export async function perform({ stage, texts }, { presentation, sides, log }) {
   stage.reveal(true);
   try {
     const asked = { presentation, sides, letters, screen, environment: stage.environment };
-    return await (presentation.variant === "I" ? freeViewing({ ...asked, texts }) : play(asked));
+    return await (presentation.variant === "I" ? freeViewing({ ...asked, main, texts, title }) : play(asked));
   } finally {
     stage.reveal(false);
     await stage.close();

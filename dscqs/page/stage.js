@@ -83,16 +83,17 @@ export function reasonList(reasons, words) {
 
 /**
  * Make sure that the display shows pixels as they are: asks for full screen, and says what is
- * wrong until it is right. `ask` is {title, text, keys}: where given, a button is pressed first;
- * `keys` are [key, what it does].
+ * wrong until it is right. `ask` is {title, text, keys, hint}: where given, a button is pressed
+ * first; `keys` are [key, what it does].
  */
 export async function readyDisplay({ api, main, texts, stage }, ask) {
   const words = texts.display;
   let mustAsk = ask !== null;
   for (;;) {
     if (mustAsk || (!stage.isHeadset && document.fullscreenElement === null)) {
-      const { title, text, keys } = ask ?? { title: texts.ready, text: texts.readyHint, keys: [] };
-      const said = [el("h1", { text: title }), el("p", { text }), keys.length > 0 && keyList(keys)];
+      const { title, text, keys, hint } = ask ?? { title: texts.ready, text: texts.readyHint };
+      const said = [el("h1", { text: title }), el("p", { text }), keys && keyList(keys),
+        hint && el("p", { text: hint })];
       await pressed(main, "ready", said, texts.start, stage);
     }
     const { refused, warned } = await stage.reasons();

@@ -40,7 +40,7 @@ export async function station(context, state) {
       if (result !== null) return result;
       api.note("looked-again", {});
       await readyDisplay({ api, main, texts, stage }, null);
-      await perform(context, shown);
+      await perform(context, shown, head);
     }
   } finally {
     release(shown);
@@ -54,7 +54,7 @@ export async function showOne(context, state) {
   const said = {
     title: numberOf(texts, state),
     text: stage.isHeadset ? texts.headsetHint : texts.readyHint,
-    keys: state.variant === "I" ? texts.freeKeys : [],
+    ...(state.variant === "I" && { keys: texts.freeKeys, hint: texts.freeHint }),
   };
   lastStage = state.stage;
   if (!stage.isHeadset) {
@@ -65,7 +65,7 @@ export async function showOne(context, state) {
   if (stage.isHeadset) await readyDisplay(context, said);
   let isKept = false;
   try {
-    const log = await perform(context, loaded);
+    const log = await perform(context, loaded, numberOf(texts, state));
     const isGood = log.faults.length === 0;
     await api.post("shown", {
       ticket: loaded.presentation.ticket,

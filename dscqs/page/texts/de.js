@@ -45,6 +45,9 @@ export default {
     ["Leertaste", "das andere"],
     ["Eingabe", "bewerten"],
   ],
+  freeButtons: { A: "A zeigen", B: "B zeigen", grade: "Bewerten" },
+  freeHint:
+    "Oder berühren Sie den Bildschirm, oder bewegen Sie die Maus: am unteren Rand erscheinen Schaltflächen dafür.",
   instructions: {
     title: "Willkommen",
     intro:

@@ -43,6 +43,9 @@ export default {
     ["Space", "the other"],
     ["Enter", "grade"],
   ],
+  freeButtons: { A: "Show A", B: "Show B", grade: "Grade" },
+  freeHint:
+    "Or touch the screen, or move the mouse: buttons for the same appear at the lower edge.",
   instructions: {
     title: "Welcome",
     intro:

@@ -44,6 +44,9 @@ export default {
     ["Espacio", "la otra"],
     ["Intro", "puntuar"],
   ],
+  freeButtons: { A: "Mostrar A", B: "Mostrar B", grade: "Puntuar" },
+  freeHint:
+    "O toque la pantalla, o mueva el ratón: abajo aparecen botones para lo mismo.",
   instructions: {
     title: "Bienvenido",
     intro:

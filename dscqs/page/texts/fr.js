@@ -45,6 +45,9 @@ export default {
     ["Espace", "l’autre"],
     ["Entrée", "noter"],
   ],
+  freeButtons: { A: "Montrer A", B: "Montrer B", grade: "Noter" },
+  freeHint:
+    "Ou touchez l’écran, ou bougez la souris : des boutons équivalents apparaissent en bas.",
   instructions: {
     title: "Bienvenue",
     intro:

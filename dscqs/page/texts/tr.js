@@ -38,6 +38,9 @@ export default {
     ["Boşluk", "öteki"],
     ["Enter", "puanla"],
   ],
+  freeButtons: { A: "A’yı göster", B: "B’yi göster", grade: "Puanla" },
+  freeHint:
+    "Ya da ekrana dokunun veya fareyi oynatın: alt kenarda aynı işi gören düğmeler belirir.",
   instructions: {
     title: "Hoş geldiniz",
     intro:

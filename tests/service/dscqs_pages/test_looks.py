@@ -7,7 +7,7 @@ import pytest
 
 from dscqs.displays import profile_from_dict
 from tests.service.dscqs_pages.conftest import HEIGHT, PROFILE, WIDTH
-from tests.service.dscqs_pages.test_session import given, votes_of
+from tests.service.dscqs_pages.test_session import given, logs_of, sides_of, votes_of
 from tests.support.accessibility import problems
 
 
@@ -151,6 +151,43 @@ def test_fingers_grade_as_pointers_do(enter, make_test, operator, plan):
     seat.page.touchscreen.tap(*seat.middle_of("main button.main"))
     seat.wait_until_sent()
     assert given(votes_of(operator, test)) == [{"A": first, "B": second}]
+
+
+def test_fingers_switch_freely(enter, make_test, operator, plan):
+    """Buttons over the picture, large enough and with names; gone until a finger comes again."""
+    test = make_test({**plan, "variant": "I"})
+    seat = enter(test, has_touch=True, language="de")
+    seat.wait_for("ready")
+    assert "berühren" in seat.page.inner_text("main")
+    seat.press_main()
+    seat.wait_until_drawn(1)
+    assert problems(seat.page) == []
+    buttons = {
+        name: seat.page.get_by_role("button", name=name)
+        for name in ("A zeigen", "B zeigen", "Bewerten")
+    }
+    for one in buttons.values():
+        box = one.bounding_box()
+        assert min(box["width"], box["height"]) >= 44
+    assert buttons["A zeigen"].get_attribute("aria-pressed") == "true"
+    assert buttons["Bewerten"].is_disabled()
+    seat.page.wait_for_selector("main[data-bar=no]", state="attached")
+    places = {name: seat.middle_of(f"main button >> nth={at}") for at, name in enumerate(buttons)}
+    seat.page.touchscreen.tap(*places["B zeigen"])  # nothing is there to be touched by accident
+    seat.page.wait_for_selector("main[data-bar=yes]", state="attached")
+    assert buttons["A zeigen"].get_attribute("aria-pressed") == "true"
+    seat.page.touchscreen.tap(*places["B zeigen"])
+    seat.wait_until_drawn(2)
+    assert buttons["B zeigen"].get_attribute("aria-pressed") == "true"
+    seat.page.touchscreen.tap(*places["Bewerten"])
+    seat.come_to_vote()
+    (log,) = logs_of(operator, test)
+    assert [item["what"] for item in log["log"]["intervals"]] == ["A", "B"]
+    assert log["outcome"] == "ok"
+    seat.vote(60, 40)
+    seat.wait_until_sent()
+    (vote,) = votes_of(operator, test)
+    assert [item["rgb"] for item in seat.drawn[0] if item["stereo"]] == sides_of(vote)
 
 
 def test_keys_grade_as_pointers_do(enter, make_test, operator, plan):
