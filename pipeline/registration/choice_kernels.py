@@ -80,7 +80,7 @@ def choose_windows(
         # where it dissents, with what the box around needs
         left, top, right, bottom = x1, y1, x0, y0
         for y in range(y0, y1):
-            au, bu, av, bv = row_of_motion(windows, motion, p, y)
+            au, bu, av, bv = row_of_motion(windows, motion, p, np.int64(y))
             farthest = zero
             for x in range(x0, x1):
                 du = au + bu * np.float32(x) - move_u[y, x]
@@ -104,7 +104,7 @@ def choose_windows(
         columns = x1 - x0
         zeta = np.float32(motion[p, 12])
         for y in range(y0, y1):
-            au, bu, av, bv = row_of_motion(windows, motion, p, y)
+            au, bu, av, bv = row_of_motion(windows, motion, p, np.int64(y))
             for x in range(x0, x1):
                 u = au + bu * np.float32(x)
                 v = av + bv * np.float32(x)
@@ -185,7 +185,7 @@ def blend_windows(
         for x in range(width):
             p = best[y, x]
             if renewed[y, x] and p >= 0 and p != owners[y, x]:
-                au, bu, av, bv = row_of_motion(windows, motion, p, y)
+                au, bu, av, bv = row_of_motion(windows, motion, np.int64(p), y)
                 move_u[y, x] = au + bu * np.float32(x)
                 move_v[y, x] = av + bv * np.float32(x)
     for p in range(windows.shape[0]):
@@ -199,7 +199,7 @@ def blend_windows(
         zeta = np.float32(motion[p, 12])
         for y in range(reach[p, 1], reach[p, 3]):
             fall_y = np.float32(1 - abs(y - yc) / reach_y)
-            au, bu, av, bv = row_of_motion(windows, motion, p, y)
+            au, bu, av, bv = row_of_motion(windows, motion, p, np.int64(y))
             for x in range(reach[p, 0], reach[p, 2]):
                 at = np.float32(x)
                 du = au + bu * at - move_u[y, x]

@@ -8,8 +8,8 @@ carried over to its own motion. So no pixel is sampled twice, though windows ove
 The samples lie on a *sampling grid*: every q-th pixel of the view, q = stride · 2^level. All
 motions are in LR pixels whatever the level.
 
-A counter that is handed to another kernel begins as a typed zero: for a literal that kernel would
-be compiled once more.
+A counter that is handed to another kernel begins as a typed zero, and a number out of an array is
+widened: for a literal, or for numbers of another width, that kernel would be compiled once more.
 """
 
 from __future__ import annotations
@@ -485,7 +485,7 @@ def move_samples(
         if not due[p]:
             continue
         for y in range(cells[p, 1], cells[p, 3]):
-            au, bu, av, bv = row_of_motion(windows, motion, p, y)
+            au, bu, av, bv = row_of_motion(windows, motion, p, np.int64(y))
             for x in range(cells[p, 0], cells[p, 2]):
                 if owners[y, x] != p:
                     continue

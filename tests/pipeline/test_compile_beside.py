@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import multiprocessing
 import subprocess
 import sys
@@ -79,6 +80,15 @@ def test_the_body_ends_with_what_is_compiled_beside_it(two_threads, monkeypatch,
     assert multiprocessing.active_children() == []
 
 
+def test_garbage_is_collected_again_after_compiling(two_threads, monkeypatch):
+    monkeypatch.setattr(compile_beside, "HALVES", [])
+    with compiling_beside():
+        assert gc.isenabled()
+        numba.njit(lambda x: x)(1)
+        assert not gc.isenabled()
+    assert gc.isenabled()
+
+
 def test_an_error_in_the_body_ends_what_is_compiled_beside_it(two_threads, monkeypatch):
     monkeypatch.setattr(compile_beside, "HALVES", [functools.partial(time.sleep, 600)])
 
@@ -91,6 +101,7 @@ def test_an_error_in_the_body_ends_what_is_compiled_beside_it(two_threads, monke
     with pytest.raises(ZeroDivisionError):
         body()
     assert multiprocessing.active_children() == []
+    assert gc.isenabled()
 
 
 def test_one_thread_is_not_helped():
