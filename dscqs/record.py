@@ -10,9 +10,10 @@ from typing import Any
 
 from dscqs.errors import VotesError
 from dscqs.order import Kind
+from dscqs.plan import plan_from_dict
 from dscqs.store import SessionRecord, SessionStore, StoredEvent, TestRecord
 from dscqs.views import reason_of
-from dscqs.votes import Vote, format_csv
+from dscqs.votes import ORDERED, Order, Vote, VoteTable, format_csv, make_table
 
 WITHDRAWN = "withdrawn"
 """The ``kind`` of the votes of an assessor who left: kept, and not counted."""
@@ -40,7 +41,17 @@ def votes_csv(store: SessionStore, test: str) -> str:
     """Return the votes of a test as tidy CSV, dummies and training among them."""
     record = store.test(test)
     notes = [f"test: {record.name} ({record.id})", f"reference: {record.plan['reference']}"]
-    return format_csv(votes(store, record), notes=notes)
+    return format_csv(votes(store, record), notes=notes, order=_order(record))
+
+
+def vote_table(store: SessionStore, record: TestRecord) -> VoteTable:
+    """Return the votes of a test as a table, in the order of its plan."""
+    return make_table(votes(store, record), name=record.name, order=_order(record))
+
+
+def _order(record: TestRecord) -> Order:
+    plan = plan_from_dict(record.plan)
+    return Order(**{name: getattr(plan, name) for name in ORDERED})
 
 
 def votes(store: SessionStore, test: TestRecord) -> list[Vote]:

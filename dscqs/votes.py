@@ -6,8 +6,10 @@ this form only, whoever collected them.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
+import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -36,6 +38,10 @@ DIRECTIONS = (
     "score: single-stimulus score on the scale of its own test, higher is better",
 )
 """The direction of every scale, as the header of an exported file says it."""
+
+
+ORDERED = ("displays", "contents", "conditions", "dimensions")
+"""What a plan puts into an order, as the header of an exported file says it."""
 
 
 class Method(StrEnum):
@@ -128,6 +134,41 @@ class Vote:
         return self.difference if self.score is None else self.score
 
 
+Presentation = tuple[str, str, int]
+"""Content, condition, repetition."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Order:
+    """Names in the order of the test's plan, for tables, plots and files; empty: not known."""
+
+    displays: tuple[str, ...] = ()
+    contents: tuple[str, ...] = ()
+    conditions: tuple[str, ...] = ()
+    dimensions: tuple[str, ...] = ()
+
+    def arrange(self, column: str, names: Iterable[str]) -> tuple[str, ...]:
+        """Return each name once: those of the plan in its order, then the others as they come."""
+        found = dict.fromkeys(names)
+        known = dict.fromkeys(name for name in getattr(self, column) if name in found)
+        return tuple(known | found)
+
+    def arrange_shown(
+        self, shown: Iterable[tuple[str, str, int]]
+    ) -> tuple[tuple[str, str, int], ...]:
+        """Return each content, condition and repetition once, in the order of the plan."""
+        found = tuple(dict.fromkeys(shown))
+        if not (self.contents or self.conditions):
+            return found
+        contents = self.arrange("contents", (content for content, _, _ in found))
+        conditions = self.arrange("conditions", (condition for _, condition, _ in found))
+        return tuple(
+            sorted(
+                found, key=lambda one: (contents.index(one[0]), conditions.index(one[1]), one[2])
+            )
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class VoteTable:
     """All votes of a test, in the order of their file, and what they are."""
@@ -135,9 +176,10 @@ class VoteTable:
     votes: tuple[Vote, ...]
     method: Method
     name: str = "votes"
+    order: Order = Order()
 
 
-def make_table(votes: Iterable[Vote], *, name: str = "votes") -> VoteTable:
+def make_table(votes: Iterable[Vote], *, name: str = "votes", order: Order = Order()) -> VoteTable:
     """Return a table of votes; refuse votes of two methods, or of the same thing twice."""
     kept = tuple(votes)
     if not kept:
@@ -154,7 +196,8 @@ def make_table(votes: Iterable[Vote], *, name: str = "votes") -> VoteTable:
         methods = {Method.DIFFERENCE}  # grades of a part of the votes only
     if len(methods) > 1:
         raise VotesError("has scores of single stimuli and differences in one table", path=name)
-    return VoteTable(votes=kept, method=methods.pop() if methods else Method.SCORE, name=name)
+    method = methods.pop() if methods else Method.SCORE
+    return VoteTable(votes=kept, method=method, name=name, order=order)
 
 
 def _method(vote: Vote) -> Method | None:
@@ -178,7 +221,8 @@ def read_csv(path: Path) -> VoteTable:
 
     Comma, semicolon or tab separate the cells; a byte-order mark, lines of ``#`` before the
     header and empty lines are passed over. ``display``, ``repetition`` and ``dimension`` may be
-    left out. With semicolons, a decimal comma is understood.
+    left out. With semicolons, a decimal comma is understood. Lines such as
+    ``# conditions: ["bicubic", "sr"]`` before the header say the order of tables and plots.
 
     Raises
     ------
@@ -242,7 +286,21 @@ def parse_csv(text: str, *, name: str = "votes") -> VoteTable:
             votes.append(vote)
     except csv.Error as error:
         raise VotesError(str(error), path=name, line=before + 1) from error
-    return make_table(votes, name=name)
+    return make_table(votes, name=name, order=_order(lines[:skipped]))
+
+
+def _order(head: Iterable[str]) -> Order:
+    """Return the order that the lines before a header say; a line that is no such is a note."""
+    found: dict[str, tuple[str, ...]] = {}
+    for line in head:
+        name, _, said = line.lstrip("# ").partition(":")
+        if name not in ORDERED:
+            continue
+        with contextlib.suppress(ValueError):
+            names = json.loads(said)
+            if isinstance(names, list) and all(isinstance(one, str) for one in names):
+                found[name] = tuple(names)
+    return Order(**found)
 
 
 def _columns(header: Sequence[str], *, name: str, line: int) -> tuple[str, ...]:
@@ -318,7 +376,7 @@ def _number(cell: str, column: str, *, decimal_comma: bool) -> float | None:
     return value
 
 
-def format_csv(votes: Iterable[Vote], *, notes: Sequence[str] = ()) -> str:
+def format_csv(votes: Iterable[Vote], *, notes: Sequence[str] = (), order: Order = Order()) -> str:
     """Return votes as tidy CSV: the direction of every scale, the header, one vote a row.
 
     Parameters
@@ -326,6 +384,8 @@ def format_csv(votes: Iterable[Vote], *, notes: Sequence[str] = ()) -> str:
     votes : iterable of Vote
     notes : sequence of str
         Further lines of the header: name of the test, date, version.
+    order : Order
+        Said in the header, for whoever makes tables of the file.
     """
     kept = list(votes)
     used = [name for name in GRADES if any(getattr(vote, name) is not None for vote in kept)]
@@ -338,6 +398,9 @@ def format_csv(votes: Iterable[Vote], *, notes: Sequence[str] = ()) -> str:
     stream = io.StringIO()
     for note in notes:
         stream.write(f"# {' '.join(note.split())}\n")
+    for name in ORDERED:
+        if getattr(order, name):
+            stream.write(f"# {name}: {json.dumps(getattr(order, name), ensure_ascii=False)}\n")
     for direction in DIRECTIONS:
         if direction.split(":")[0] in used:
             stream.write(f"# {direction}\n")

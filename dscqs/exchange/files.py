@@ -77,7 +77,7 @@ def format_scores(
         Where one display or dimension has to be named.
     """
     if kind is Format.CSV:
-        return format_csv(table.votes, notes=notes)
+        return format_csv(table.votes, notes=notes, order=table.order)
     if kind is Format.SUJSON:
         made = to_sujson(table)
     else:
@@ -90,7 +90,7 @@ def format_scores(
 
 
 def _only(table: VoteTable, column: str) -> str:
-    names = list(dict.fromkeys(getattr(vote, column) for vote in table.votes))
+    names = table.order.arrange(f"{column}s", (getattr(vote, column) for vote in table.votes))
     if len(names) > 1:
         raise VotesError(
             f"has votes of several: {', '.join(names)}; a dataset of sureal holds one, name it",

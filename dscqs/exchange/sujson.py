@@ -18,13 +18,23 @@ suJSON                here
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
 from dscqs.errors import VotesError
 from dscqs.exchange.plain import Place
-from dscqs.votes import DEFAULT_DISPLAY, DIRECTIONS, GRADES, Vote, VoteTable, make_table
+from dscqs.votes import (
+    DEFAULT_DISPLAY,
+    DIRECTIONS,
+    GRADES,
+    ORDERED,
+    Order,
+    Vote,
+    VoteTable,
+    make_table,
+)
 
 VERSION = "1.1.1"
 FIGURES = {line.split(":")[0]: line.split(": ", 1)[1] for line in DIRECTIONS}
@@ -34,13 +44,15 @@ RANGES = {"grade_reference": (0, 100), "grade_test": (0, 100), "difference": (-1
 def to_sujson(table: VoteTable) -> dict[str, Any]:
     """Return the votes as suJSON, dummies and training included, nothing rounded."""
     figures = [name for name in _figures(table) if not _derived(name, table)]
-    contents = _numbered(vote.content for vote in table.votes)
-    conditions = _numbered(vote.condition for vote in table.votes)
-    stimuli = _numbered((vote.content, vote.condition) for vote in table.votes)
+    order = table.order
+    contents = _numbered(order.arrange("contents", (vote.content for vote in table.votes)))
+    conditions = _numbered(order.arrange("conditions", (vote.condition for vote in table.votes)))
+    shown = order.arrange_shown((vote.content, vote.condition, 1) for vote in table.votes)
+    stimuli = _numbered((content, condition) for content, condition, _ in shown)
     subjects = _numbered(vote.assessor for vote in table.votes)
     questions = _numbered(
         (dimension, figure)
-        for dimension in dict.fromkeys(vote.dimension for vote in table.votes)
+        for dimension in order.arrange("dimensions", (vote.dimension for vote in table.votes))
         for figure in figures
     )
     trials: list[dict[str, Any]] = []
@@ -75,7 +87,11 @@ def to_sujson(table: VoteTable) -> dict[str, Any]:
     return {
         "dataset_name": table.name,
         "sujson_version": VERSION,
-        "characteristics": {"per_subject_data": True, "method": table.method.value},
+        "characteristics": {
+            "per_subject_data": True,
+            "method": table.method.value,
+            **({} if order == Order() else {"order": dataclasses.asdict(order)}),
+        },
         "tasks": [{"id": 1, "task": "Grade every presentation."}],
         "scales": [_scale(number, figure) for number, figure in enumerate(figures, start=1)],
         "questions": [
@@ -151,7 +167,26 @@ def from_sujson(document: Any, name: str) -> VoteTable:
     for trial in root.need("trials").items():
         votes += _votes(trial, tables, seen)
     label = root.get("dataset_name")
-    return make_table(votes, name=name if label is None else label.key())
+    return make_table(
+        votes,
+        name=name if label is None else label.key(),
+        order=_order(root.get("characteristics")),
+    )
+
+
+def _order(traits: Place | None) -> Order:
+    """Return the order of the test's plan, as we write it."""
+    found = None if traits is None else traits.get("order")
+    if found is None:
+        return Order()
+    lists = {name: found.get(name) for name in ORDERED}
+    return Order(
+        **{
+            name: tuple(item.key() for item in place.items())
+            for name, place in lists.items()
+            if place is not None
+        }
+    )
 
 
 Tables = dict[str, dict[str, Place]]

@@ -47,14 +47,15 @@ def to_sureal(table: VoteTable, *, display: str, dimension: str) -> dict[str, An
     ]
     if not votes:
         raise VotesError(f"no vote on display {display!r} of {dimension!r}", path=table.name)
-    contents = list(dict.fromkeys(vote.content for vote in votes))
+    contents = table.order.arrange("contents", (vote.content for vote in votes))
     stimuli: dict[tuple[str, str], dict[str, list[float]]] = {}
     if table.method is Method.GRADES:
         for content in contents:
             stimuli[content, REFERENCE] = _scores(
                 [vote for vote in votes if vote.content == content], "grade_reference"
             )
-    for content, condition in dict.fromkeys((vote.content, vote.condition) for vote in votes):
+    shown = table.order.arrange_shown((vote.content, vote.condition, 1) for vote in votes)
+    for content, condition, _ in shown:
         if (content, condition) in stimuli:
             raise VotesError(f"condition {condition!r} has the name of the reference")
         own = [vote for vote in votes if (vote.content, vote.condition) == (content, condition)]

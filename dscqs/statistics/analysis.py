@@ -21,7 +21,7 @@ import numpy as np
 from dscqs.statistics.descriptive import Summary, summarise
 from dscqs.statistics.matrix import Matrix, make_matrix, primary
 from dscqs.statistics.screening import Screening, Variant, screen
-from dscqs.votes import TEST, Method, Vote, VoteTable
+from dscqs.votes import TEST, Method, Order, Vote, VoteTable
 
 FEWEST_ASSESSORS = 15
 """A test with fewer is to be called informal (ITU-R BT.500)."""
@@ -105,6 +105,7 @@ class Analysis:
     displays: tuple[DisplayVotes, ...]
     stimuli: tuple[Cell, ...]
     pooled: tuple[Cell, ...]
+    order: Order
 
     @property
     def assessors(self) -> tuple[str, ...]:
@@ -115,16 +116,16 @@ class Analysis:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """All conditions, in the order of the votes."""
-        return tuple(
-            dict.fromkeys(name for display in self.displays for name in display.matrix.conditions)
+        """All conditions, in the order of the plan, or of the votes."""
+        return self.order.arrange(
+            "conditions", (name for display in self.displays for name in display.matrix.conditions)
         )
 
     @property
     def contents(self) -> tuple[str, ...]:
-        """All contents, in the order of the votes."""
-        return tuple(
-            dict.fromkeys(name for display in self.displays for name in display.matrix.contents)
+        """All contents, in the order of the plan, or of the votes."""
+        return self.order.arrange(
+            "contents", (name for display in self.displays for name in display.matrix.contents)
         )
 
     @property
@@ -143,7 +144,10 @@ def analyse(table: VoteTable, variant: Variant = Variant.SAMPLE) -> tuple[Analys
         The screening that decides whose votes are left out of the results "after".
     """
     votes = [vote for vote in table.votes if vote.kind == TEST]
-    dimensions = sorted(dict.fromkeys(vote.dimension for vote in votes), key=_quality_last_not)
+    dimensions = sorted(
+        table.order.arrange("dimensions", (vote.dimension for vote in votes)),
+        key=_quality_last_not,
+    )
     return tuple(
         _analyse([vote for vote in votes if vote.dimension == dimension], dimension, table, variant)
         for dimension in dimensions
@@ -160,11 +164,12 @@ def _analyse(votes: Sequence[Vote], dimension: str, table: VoteTable, variant: V
         for name, value in FIGURES.items()
         if name == PRIMARY or any(value(vote) is not None for vote in votes)
     }
-    # All displays have the order of the table, whatever their assessors were shown first.
-    seen = dict.fromkeys((vote.content, vote.condition, vote.repetition) for vote in votes)
+    # All displays have one order, whatever their assessors were shown first.
+    order = table.order
+    seen = order.arrange_shown((vote.content, vote.condition, vote.repetition) for vote in votes)
     places = {presentation: place for place, presentation in enumerate(seen)}
     displays = []
-    for display in dict.fromkeys(vote.display for vote in votes):
+    for display in order.arrange("displays", (vote.display for vote in votes)):
         shown = sorted(
             (vote for vote in votes if vote.display == display),
             key=lambda vote: places[vote.content, vote.condition, vote.repetition],
@@ -182,7 +187,9 @@ def _analyse(votes: Sequence[Vote], dimension: str, table: VoteTable, variant: V
         for display in displays
         for content, condition in display.matrix.stimuli
     ]
-    conditions = tuple(dict.fromkeys(cell.condition for cell in stimuli))
+    conditions = order.arrange(
+        "conditions", (name for display in displays for name in display.matrix.conditions)
+    )
     pooled = [
         _cell([display], None, condition, variant)
         for display in displays
@@ -198,6 +205,7 @@ def _analyse(votes: Sequence[Vote], dimension: str, table: VoteTable, variant: V
         displays=tuple(displays),
         stimuli=tuple(stimuli),
         pooled=tuple(pooled),
+        order=order,
     )
 
 

@@ -8,10 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dscqs.votes import Vote
-
-Presentation = tuple[str, str, int]
-"""Content, condition, repetition."""
+from dscqs.votes import Presentation, Vote
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,9 +11,8 @@ from pydantic import BaseModel, Field
 
 from dscqs.displays import profile_from_dict
 from dscqs.plan import plan_from_dict
-from dscqs.record import session_log, test_document, votes, votes_csv
+from dscqs.record import session_log, test_document, vote_table, votes_csv
 from dscqs.store import SessionStore
-from dscqs.votes import make_table
 from service.http.dscqs import ENTRY, Asked, Name
 from service.http.dscqs_access import COOKIE, COOKIE_SECONDS, Operating
 from service.http.dscqs_folders import folder_of
@@ -234,7 +233,7 @@ def _exported(store: SessionStore, test: str, format: str) -> tuple[str | bytes,
     from dscqs.report import html_report, json_report, pdf_report
 
     record = store.test(test)
-    table = make_table(votes(store, record), name=record.name)
+    table = vote_table(store, record)
     if format == "scores":
         return json_report(table), "scores.json", "application/json"
     log = session_log(test_document(store, test))
@@ -252,7 +251,7 @@ def _exchanged(
     from dscqs.exchange.files import Format, format_scores
 
     record = store.test(test)
-    table = make_table(votes(store, record), name=record.name)
+    table = vote_table(store, record)
     said = format_scores(table, Format(format), display=display, dimension=dimension)
     which = "".join(f"{one}-" for one in (display, dimension) if one)
     return said, f"{which}{format}.json", "application/json"

@@ -14,7 +14,7 @@ from dscqs.errors import VotesError
 from dscqs.exchange.files import Format, format_scores, parse_scores, read_scores
 from dscqs.exchange.sujson import from_sujson, to_sujson
 from dscqs.exchange.sureal import from_sureal, to_sureal
-from dscqs.votes import Method, Vote, make_table
+from dscqs.votes import Method, Order, Vote, make_table
 
 GRADE = st.integers(0, 1000).map(lambda tenths: tenths / 10)
 NAME = st.text(
@@ -72,6 +72,49 @@ def test_tidy_csv_gives_back_every_vote(table):
         for vote in table.votes
     ]
     assert list(found) == wanted
+
+
+PLANNED = Order(
+    displays=("polarised", "auto"), contents=("street", "ballet"), conditions=("sr", "bicubic"),
+    dimensions=("quality", "comfort"),
+)  # fmt: skip
+AS_SHOWN = make_table(
+    [
+        Vote(assessor="a1", display=display, content=content, condition=condition,
+             dimension=dimension, grade_reference=60.0, grade_test=50.0)
+        for dimension in ("comfort", "quality")
+        for display in ("auto", "polarised")
+        for content in ("lawn", "ballet", "street")
+        for condition in ("bicubic", "sr")
+    ],
+    order=PLANNED,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", [Format.CSV, Format.SUJSON])
+def test_the_order_of_the_plan_goes_with_the_votes(kind):
+    found = parse_scores(format_scores(AS_SHOWN, kind))
+    assert (found.order, found.votes) == (PLANNED, AS_SHOWN.votes)
+
+
+def test_a_note_that_says_no_order_is_a_note():
+    lines = ["# conditions: sr, bicubic", "# contents: [1]", '# displays: ["auto"]', "#"]
+    text = "\n".join([*lines, "assessor,content,condition,difference", "a1,c,x,3"])
+    assert parse_scores(text).order == Order(displays=("auto",))
+
+
+def test_files_of_others_have_the_order_of_the_plan():
+    sujson = to_sujson(AS_SHOWN)
+    names = {key: [one["name"] for one in sujson[key]] for key in ("src", "hrc")}
+    assert names == {"src": ["street", "ballet", "lawn"], "hrc": ["sr", "bicubic"]}
+    assert [one["characteristics"]["dimension"] for one in sujson["questions"][::2]] == [
+        "quality", "comfort",
+    ]  # fmt: skip
+    sureal = to_sureal(AS_SHOWN, display="auto", dimension="quality")
+    assert [one["content_name"] for one in sureal["ref_videos"]] == names["src"]
+    assert [one["path"] for one in sureal["dis_videos"][3:]] == [
+        f"{content}/{condition}" for content in names["src"] for condition in names["hrc"]
+    ]
 
 
 def test_a_dataset_of_sureal_holds_grades_and_the_reference_as_a_stimulus():

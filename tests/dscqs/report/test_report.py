@@ -16,7 +16,7 @@ from dscqs.report.content import content
 from dscqs.report.numbers import decimal
 from dscqs.statistics.analysis import analyse
 from dscqs.statistics.screening import Variant
-from dscqs.votes import Vote, make_table
+from dscqs.votes import Order, Vote, make_table
 
 from .conftest import simulate
 
@@ -109,6 +109,35 @@ def test_the_table_of_test_scores_has_the_numbers_of_the_votes(table, parsed):
             assert row[column] == f"{100 - grades.mean():.1f}"
             assert row[column + 1] == f"{grades.std(ddof=1) / grades.size**0.5:.1f}"
             assert row[column + 3] == str(grades.size)
+
+
+def test_tables_and_plots_have_the_order_of_the_plan(table):
+    """Whatever was shown first; what the plan does not name comes last."""
+    order = Order(
+        displays=("autostereoscopic", "polarised"), contents=("ballet", "breakdancing"),
+        conditions=("super-resolved",), dimensions=("quality",),
+    )  # fmt: skip
+    (analysis,) = analyse(dataclasses.replace(table, order=order))
+    shown = [(cell.display, cell.content, cell.condition) for cell in analysis.stimuli]
+    assert shown == [
+        (display, content, condition)
+        for display in order.displays
+        for content in order.contents
+        for condition in ("super-resolved", "bicubic")
+    ]
+    before = {(c.display, c.content, c.condition): c.primary for c in analyse(table)[0].stimuli}
+    for cell in analysis.stimuli:
+        assert cell.primary == before[cell.display, cell.content, cell.condition]
+    blocks = list(content(dataclasses.replace(table, order=order)))
+    (scores,) = (b for b in blocks if isinstance(b, Table) and "before screening; all" in b.caption)
+    assert [name for name, _ in scores.groups] == ["", *order.displays]
+    assert [row[0] for row in scores.rows] == ["reference", "super-resolved", "bicubic"]
+    plot = next(block for block in blocks if isinstance(block, Plot)).draw()
+    assert [one.get_text() for one in plot.axes[0].get_xticklabels()] == [
+        "reference", "super-resolved", "bicubic",
+    ]  # fmt: skip
+    (legend,) = plot.legends
+    assert [one.get_text() for one in legend.get_texts()] == list(order.displays)
 
 
 def test_every_assessor_is_in_the_screening_table_with_both_variants(table, parsed):

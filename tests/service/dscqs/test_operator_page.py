@@ -11,7 +11,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page
 
 from dscqs.exchange.files import parse_scores
-from dscqs.votes import parse_csv
+from dscqs.votes import Order, parse_csv
 from service.dscqs_client import AssessorClient
 from tests.service.dscqs.support import walk
 
@@ -113,6 +113,10 @@ def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http, o
         page.get_by_role("link", name="Votes (CSV)").click()
     table = parse_csv(Path(download.value.path()).read_text(encoding="utf-8"))
     assert len([vote for vote in table.votes if vote.assessor == "a1"]) == 7
+    assert table.order == Order(
+        displays=tuple(made["displays"]), contents=tuple(made["contents"]),
+        conditions=("bicubic", "sr"), dimensions=("quality",),
+    )  # fmt: skip
     with page.expect_download() as download:
         page.get_by_role("link", name="Report (HTML)").click()
     assert "Thesis, set 1" in Path(download.value.path()).read_text(encoding="utf-8")
@@ -120,6 +124,7 @@ def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http, o
         with page.expect_download() as download:
             page.get_by_role("link", name=name).click()
         again = parse_scores(Path(download.value.path()).read_text(encoding="utf-8"))
+        assert again.order in (table.order, Order())  # a dataset of sureal has no place for it
         assert "a1" in {vote.assessor for vote in again.votes}
 
     page.on("dialog", lambda dialog: dialog.accept())
