@@ -52,6 +52,9 @@ Pixel = TypeVar("Pixel", bound=np.generic)
 SMALLEST_NOISE = 0.3
 """Noise below which nothing gets easier: the rounding of 8-bit input, grey levels."""
 
+SMALLEST_SIGMA = 0.5
+"""σ_psf below which nothing changes, HR pixels."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FusedTuning:
@@ -61,8 +64,9 @@ class FusedTuning:
     """λ at noise 1 and σ_psf 1."""
     prior_noise_power: float = 1.6
     """λ grows with the noise to this power …"""
-    prior_psf_power: float = -1.5
-    """… and with σ_psf to this one: what a wide PSF has removed no prior should smooth again."""
+    prior_psf_powers: tuple[float, float] = (-1.0, -1.5)
+    """… and with σ_psf to the first power below σ_psf 1, to the second above: what a wide PSF has
+    removed no prior should smooth again; a narrow one removes little."""
     edge_scale: tuple[float, float] = (4.0, 0.4)
     """Root mean square of the differences around a pixel below which the prior is quadratic:
     constant and factor on the noise, grey."""
@@ -86,7 +90,10 @@ class FusedTuning:
     to the noise: the less there is, the less the prior says."""
     settled: float = 0.06
     """Share of its first gradient at which a descent has come far enough, at noise 1 and σ_psf
-    1; in inverse proportion to σ_psf; …"""
+    1; …"""
+    settled_psf_powers: tuple[float, float] = (2.0, -1.0)
+    """… with σ_psf to the first power below σ_psf 1, to the second above: behind a narrow PSF there
+    is aliasing to undo, behind a wide one little that is still seen; …"""
     settled_noise_powers: tuple[float, float] = (1.0, -2.0)
     """… and with the noise to the first power below noise 1, to the second above: the less there
     is, the longer it pays to go on; the more there is, the more of the first gradient is noise."""
@@ -130,16 +137,20 @@ def initial_estimate(reference: GreyImage, grid: Grid) -> HrImage:
 def prior_strength(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
     """Return λ for a noise (grey levels) and a PSF (HR pixels)."""
     noise = max(noise, SMALLEST_NOISE)
-    psf_sigma = max(psf_sigma, 0.5)
-    return (
-        tuning.prior_strength * noise**tuning.prior_noise_power * psf_sigma**tuning.prior_psf_power
-    )
+    of_psf = _power(max(psf_sigma, SMALLEST_SIGMA), tuning.prior_psf_powers)
+    return tuning.prior_strength * noise**tuning.prior_noise_power * of_psf
 
 
 def settled_share(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
     """Return the share of its first gradient at which a descent has come far enough."""
-    below, above = tuning.settled_noise_powers
-    return tuning.settled * noise ** (below if noise < 1 else above) / max(psf_sigma, 0.5)
+    of_psf = _power(max(psf_sigma, SMALLEST_SIGMA), tuning.settled_psf_powers)
+    return tuning.settled * _power(noise, tuning.settled_noise_powers) * of_psf
+
+
+def _power(value: float, powers: tuple[float, float]) -> float:
+    """Return a value to the first power where it is below one, to the second above."""
+    below, above = powers
+    return value ** (below if value < 1 else above)
 
 
 def agreement_weights(

@@ -21,6 +21,7 @@ from pipeline.reconstruction.fused import (
     initial_estimate,
     landing_points,
     prior_strength,
+    settled_share,
 )
 from pipeline.reconstruction.psf import GaussianPsf, psf_axes, sampling_taps
 from pipeline.reconstruction.restoration import restored
@@ -202,8 +203,19 @@ def test_noise_raises_the_prior_and_a_wide_psf_lowers_it():
     strengths = [prior_strength(noise, 1.0, tuning) for noise in (0.5, 1.0, 2.0, 8.0)]
     assert strengths == sorted(strengths)
     assert strengths[0] < strengths[-1]
-    assert prior_strength(1.0, 1.7, tuning) < prior_strength(1.0, 1.0, tuning)
+    widths = (0.5, 0.8, 0.999, 1.001, 1.7)
+    strengths = [prior_strength(1.0, sigma, tuning) for sigma in widths]
+    assert strengths == sorted(strengths, reverse=True)
+    assert strengths[2] == pytest.approx(strengths[3], rel=0.01)
     assert prior_strength(0.0, 1.0, tuning) == prior_strength(SMALLEST_NOISE, 1.0, tuning) > 0
+
+
+def test_a_descent_goes_on_longest_where_aliasing_or_blur_is_to_be_undone():
+    tuning = FusedTuning()
+    shares = [settled_share(1.0, sigma, tuning) for sigma in (0.5, 0.8, 0.999, 1.001, 1.7)]
+    assert shares[:3] == sorted(shares[:3])
+    assert shares[2] == pytest.approx(shares[3], rel=0.01)
+    assert shares[4] < shares[3]
 
 
 def test_told_of_noise_the_result_is_smoother_and_better():
