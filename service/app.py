@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from fastapi import APIRouter, FastAPI
 from fastapi.responses import JSONResponse
@@ -54,6 +55,11 @@ ROUTERS: tuple[APIRouter, ...] = (
     dscqs.router, dscqs_operator.router, dscqs_making.router, dscqs_pages.router,
 )  # fmt: skip
 """Every door of the service."""
+
+WITH_NULLS: tuple[Any, ...] = (
+    jobs.JobView, jobs.JobPage, streams.StreamView, streams.StreamPage, watch.WatchView,
+)  # fmt: skip
+"""Models whose examples have nulls, which FastAPI leaves out of its description."""
 
 
 def create_app(config: ServiceConfig) -> FastAPI:
@@ -148,6 +154,8 @@ def _declare(app: FastAPI) -> None:
             for name, part in made_schema.pop("$defs", {}).items():
                 components.setdefault("schemas", {})[name] = part
             components.setdefault("schemas", {})[model.__name__] = made_schema
+        for model in WITH_NULLS:
+            components["schemas"][model.__name__] |= model.model_config["json_schema_extra"]
         components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
         if app.state.tokens.are_needed:
             schema["security"] = [{"token": []}]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Annotated, Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Header
 from fastapi.responses import FileResponse
 from fastapi.routing import APIRoute
 from starlette.datastructures import Headers
@@ -13,6 +14,21 @@ from starlette.responses import Response
 from starlette.types import Message, Receive, Scope, Send
 
 from service.http.problems import answer
+
+Known = Annotated[
+    str | None,
+    Header(
+        alias="If-None-Match",
+        description="ETag of what the client has: 304 where it is that",
+        examples=['"4caac27b40f20b80b610d78a"'],
+    ),
+]
+"""The parameter of what can be asked for again."""
+
+TAGGED: dict[str, Any] = {
+    "headers": {"ETag": {"schema": {"type": "string"}, "description": "for If-None-Match"}}
+}
+"""Declares that an answer has a tag."""
 
 
 def add_heads(router: APIRouter) -> None:

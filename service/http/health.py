@@ -8,7 +8,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import PlainTextResponse
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from service.config import MIB
 from service.http.auth import Client, require
@@ -21,7 +21,7 @@ router = APIRouter(tags=["operation"])
 class Health(BaseModel):
     """It is well."""
 
-    status: str = "ok"
+    status: Annotated[str, Field(examples=["ok"])] = "ok"
 
 
 @router.get("/healthz")
@@ -49,7 +49,11 @@ def readyz(request: Request) -> Health:
     return Health()
 
 
-@router.get("/metrics", response_class=PlainTextResponse)
+@router.get(
+    "/metrics",
+    response_class=PlainTextResponse,
+    responses={200: {"content": {"text/plain": {"example": 'depthsr_jobs{state="queued"} 3.0\n'}}}},
+)
 def metrics(request: Request, client: Annotated[Client, require("read")]) -> Response:
     """Return the numbers for Prometheus."""
     state = request.app.state

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi import Path as InPath
 from fastapi.responses import FileResponse, StreamingResponse
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.datastructures import UploadFile
 from starlette.formparsers import MultiPartException
 from starlette.requests import ClientDisconnect, HTTPConnection
@@ -26,7 +26,7 @@ from starlette.requests import ClientDisconnect, HTTPConnection
 from pipeline.job import Job
 from service.http import uploads
 from service.http.auth import Client, require
-from service.http.files import add_heads, matches, send_file, tag_of, unchanged
+from service.http.files import TAGGED, Known, add_heads, matches, send_file, tag_of, unchanged
 from service.http.problems import ProblemError, responses
 from service.http.quota import check_queue, check_space
 from service.jobs.pictures import too_large
@@ -49,11 +49,43 @@ BREATH = 15.0
 
 Reader = Annotated[Client, require("read")]
 Submitter = Annotated[Client, require("submit")]
-JobId = Annotated[str, InPath(max_length=64, examples=["3f0c5d…"])]
+JobId = Annotated[str, InPath(max_length=64, examples=["3f0c5d9a7be24c6f8d1e0a4b5c6d7e8f"])]
+
+EXAMPLE_JOB: dict[str, Any] = {
+    "id": "3f0c5d9a7be24c6f8d1e0a4b5c6d7e8f",
+    "state": "running",
+    "client": "ann",
+    "priority": 0,
+    "attempt": 1,
+    "created": "2026-11-26T10:00:00Z",
+    "started": "2026-11-26T10:00:01Z",
+    "finished": None,
+    "frames_done": 12,
+    "frames_total": 48,
+    "problem": None,
+    "request": {"scene": "teapot", "settings": {"magnification": "2"}},
+    "links": {
+        "self": "/api/v1/jobs/3f0c5d9a7be24c6f8d1e0a4b5c6d7e8f",
+        "events": "/api/v1/jobs/3f0c5d9a7be24c6f8d1e0a4b5c6d7e8f/events",
+    },
+}
+EXAMPLE_EVENT: dict[str, Any] = {
+    "sequence": 5,
+    "at": "2026-11-26T10:00:04Z",
+    "kind": "FrameFinished",
+    "data": {"done": 12, "total": 48},
+}
+EXAMPLE_STREAM = (
+    "retry: 2000\n\nid: 5\nevent: FrameFinished\n"
+    'data: {"sequence":5,"at":"2026-11-26T10:00:04Z","kind":"FrameFinished",'
+    '"data":{"done":12,"total":48}}\n\n'
+)
 
 
 class JobView(BaseModel):
     """A job as clients see it."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE_JOB]})
 
     id: str
     state: State
@@ -73,6 +105,12 @@ class JobView(BaseModel):
 class JobPage(BaseModel):
     """Some of the jobs, newest first."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [{"jobs": [EXAMPLE_JOB], "next": "/api/v1/jobs?limit=1&before=17"}]
+        }
+    )
+
     jobs: list[JobView]
     next: str | None = Field(description="address of the next page")
 
@@ -89,12 +127,30 @@ class EventView(BaseModel):
 class EventPage(BaseModel):
     """Events after a number; ask again with the last one's."""
 
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"events": [EXAMPLE_EVENT], "last": 5}]}
+    )
+
     events: list[EventView]
     last: int
 
 
 class ResultView(BaseModel):
     """A file that a job has made."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "name": "teapot_3D_SBS_LR.mkv",
+                    "size": 1482011,
+                    "media_type": "video/x-matroska",
+                    "url": "/api/v1/jobs/3f0c5d9a7be24c6f8d1e0a4b5c6d7e8f/results/"
+                    "teapot_3D_SBS_LR.mkv",
+                }
+            ]
+        }
+    )
 
     name: str
     size: int = Field(description="bytes")
@@ -133,7 +189,11 @@ class ResultView(BaseModel):
                                 "description": "the scene; file names are relative paths",
                             },
                         },
-                    }
+                    },
+                    "example": {
+                        "job": '{"settings": {"magnification": "2"}}',
+                        "files": ["scene.json", "left.png", "right.png"],
+                    },
                 },
             },
         }
@@ -143,7 +203,14 @@ async def create(
     request: Request,
     response: Response,
     client: Submitter,
-    idempotency_key: Annotated[str | None, Header(max_length=200)] = None,
+    idempotency_key: Annotated[
+        str | None,
+        Header(
+            max_length=200,
+            description="makes one job however often the request is sent",
+            examples=["7d1f"],
+        ),
+    ] = None,
 ) -> JobView:
     """Take a job: a path under an allowed root, finished uploads, or files in this request."""
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
@@ -334,15 +401,18 @@ def _stem(asked: JobRequest, scene: Path, folder: Path) -> str:
     return kept.strip("-") or "scene"
 
 
-@router.get("/jobs", responses={304: {"description": "Nothing new"}, **responses(422)})
+@router.get("/jobs", responses={200: TAGGED, 304: {"description": "Nothing new"}, **responses(422)})
 def index(
     request: Request,
     response: Response,
     client: Reader,
-    state: Annotated[list[State], Query()] = [],  # noqa: B006 - FastAPI copies it
-    before: Annotated[int | None, Query(ge=1, le=1 << 53)] = None,
-    limit: Annotated[int, Query(ge=1, le=500)] = PAGE,
-    if_none_match: Annotated[str | None, Header()] = None,
+    state: Annotated[list[State], Query(description="without it all")] = [],  # noqa: B006 - FastAPI copies it
+    before: Annotated[
+        int | None,
+        Query(ge=1, le=1 << 53, description="as `next` of the page before says", examples=[17]),
+    ] = None,
+    limit: Annotated[int, Query(ge=1, le=500, description="most on a page")] = PAGE,
+    if_none_match: Known = None,
 ) -> JobPage:
     """List jobs, newest first."""
     records = request.app.state.store.jobs(
@@ -364,14 +434,15 @@ def index(
 
 
 @router.get(
-    "/jobs/{job_id}", responses={304: {"description": "Nothing new"}, **responses(404, 422)}
+    "/jobs/{job_id}",
+    responses={200: TAGGED, 304: {"description": "Nothing new"}, **responses(404, 422)},
 )
 def show(
     request: Request,
     response: Response,
     job_id: JobId,
     client: Reader,
-    if_none_match: Annotated[str | None, Header()] = None,
+    if_none_match: Known = None,
 ) -> JobView:
     """Show a job."""
     record = find_job(request, job_id, client)
@@ -420,7 +491,9 @@ def retry(request: Request, job_id: JobId, client: Submitter) -> JobView:
     responses={
         200: {
             "description": "A page of events; with Accept: text/event-stream, a stream of them",
-            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+            "content": {
+                "text/event-stream": {"schema": {"type": "string"}, "example": EXAMPLE_STREAM}
+            },
         },
         **responses(404, 422),
     },
@@ -429,9 +502,11 @@ async def events(
     request: Request,
     job_id: JobId,
     client: Reader,
-    after: Annotated[int, Query(ge=0, le=1 << 53)] = 0,
-    limit: Annotated[int, Query(ge=1, le=1000)] = 1000,
-    last_event_id: Annotated[str | None, Header()] = None,
+    after: Annotated[int, Query(ge=0, le=1 << 53, description="`sequence` of the last known")] = 0,
+    limit: Annotated[int, Query(ge=1, le=1000, description="most on a page")] = 1000,
+    last_event_id: Annotated[
+        str | None, Header(description="of a stream: goes on after this one", examples=["4"])
+    ] = None,
 ) -> Any:
     """Follow a job: poll with ``after``, or listen to a stream that goes on from Last-Event-ID."""
     record = await asyncio.to_thread(find_job, request, job_id, client)
@@ -491,6 +566,7 @@ def results(request: Request, job_id: JobId, client: Reader) -> list[ResultView]
 
 FILE: dict[int | str, dict[str, Any]] = {
     200: {
+        **TAGGED,
         "description": "The file",
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
     },
@@ -507,9 +583,9 @@ FILE: dict[int | str, dict[str, Any]] = {
 def result(
     request: Request,
     job_id: JobId,
-    name: Annotated[str, InPath(max_length=300)],
+    name: Annotated[str, InPath(max_length=300, examples=["teapot_3D_SBS_LR.mkv"])],
     client: Reader,
-    if_none_match: Annotated[str | None, Header()] = None,
+    if_none_match: Known = None,
 ) -> Response:
     """Fetch a result, whole or by ranges."""
     record = find_job(request, job_id, client)
@@ -524,7 +600,16 @@ def result(
     "/jobs/{job_id}/logs",
     response_class=FileResponse,
     responses={
-        200: {"description": "What its workers wrote", "content": {"text/plain": {}}},
+        200: {
+            **TAGGED,
+            "description": "What its workers wrote",
+            "content": {
+                "text/plain": {
+                    "schema": {"type": "string"},
+                    "example": "WARNING: depth is estimated",
+                }
+            },
+        },
         304: {"description": "Nothing new"},
         **responses(404, 416, 422),
     },
@@ -533,7 +618,7 @@ def logs(
     request: Request,
     job_id: JobId,
     client: Reader,
-    if_none_match: Annotated[str | None, Header()] = None,
+    if_none_match: Known = None,
 ) -> Response:
     """Read what the workers of a job wrote to their logs."""
     record = find_job(request, job_id, client)
@@ -543,7 +628,14 @@ def logs(
     return send_file(path, if_none_match, "text/plain; charset=utf-8")
 
 
-@router.get("/settings-schema")
+@router.get(
+    "/settings-schema",
+    responses={
+        200: {
+            "content": {"application/json": {"example": {"title": "JobRequest", "type": "object"}}}
+        }
+    },
+)
 def settings_schema(client: Reader) -> dict[str, Any]:
     """Return the JSON schema of a job: the settings of ``depthsr run``."""
     return JobRequest.model_json_schema()

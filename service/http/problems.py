@@ -36,7 +36,14 @@ KINDS_OF_DSCQS = {
 class Problem(BaseModel):
     """What went wrong (RFC 9457)."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config = ConfigDict(
+        extra="allow",
+        json_schema_extra={
+            "examples": [
+                problem("not-found", "there is no such job", instance="/api/v1/jobs/3f0c5d9a")
+            ]
+        },
+    )
 
     type: str
     title: str

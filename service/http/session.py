@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Request, Response
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 
 from service.http.auth import COOKIE, Client, identify, require
 from service.http.files import add_heads
@@ -16,6 +16,10 @@ router = APIRouter(prefix="/api/v1/session", tags=["session"])
 
 class Session(BaseModel):
     """Who asks, and what they may do."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"name": "ann", "scopes": ["read", "submit"]}]}
+    )
 
     name: str
     scopes: list[str]

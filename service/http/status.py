@@ -9,7 +9,7 @@ from importlib import metadata
 from typing import Annotated
 
 from fastapi import APIRouter, Request
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from service.config import MIB
 from service.http.auth import Client, require
@@ -49,6 +49,28 @@ class OnAir(BaseModel):
 
 class Status(BaseModel):
     """The service at a glance."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "version": "0.1.0",
+                    "seconds": 86400.0,
+                    "ready": True,
+                    "queue": {"queued": 3, "running": 1},
+                    "workers": {
+                        "busy": 1, "total": 1, "jobs": ["3f0c5d9a7be24c6f8d1e0a4b5c6d7e8f"]
+                    },
+                    "disk": {"free": 214748364800, "used": 73400320, "quota": 107374182400},
+                    "load": 1.5,
+                    "cores": 2,
+                    "streams": [
+                        {"name": "stage", "viewers": 2, "fragments": 1800, "left_out": 0}
+                    ],
+                }
+            ]
+        }
+    )  # fmt: skip
 
     version: str
     seconds: float = Field(description="since the service began")

@@ -30,6 +30,26 @@ router = APIRouter(prefix="/api/v1/streams", tags=["streams"])
 
 Reader = Annotated[Client, require("read")]
 Submitter = Annotated[Client, require("submit")]
+EXAMPLE_STREAM: dict[str, Any] = {
+    "id": "stage",
+    "state": "live",
+    "client": "zenoh",
+    "created": "2026-11-26T10:00:00Z",
+    "run": 1,
+    "manifest": {
+        "format": "depthsr-scene/1",
+        "fps": "15/1",
+        "views": [{"id": "cam0"}, {"id": "cam1"}],
+        "stereo": {"left": "cam0", "right": "cam1"},
+    },
+    "settings": {},
+    "options": {},
+    "problem": None,
+    "status": {"state": "live", "fps_in": 15.0, "fps_out": 14.8, "frames_done": 112},
+    "keys": {"manifest": "depthsr/stage/in/manifest", "sbs": "depthsr/stage/out/sbs"},
+    "links": {"self": "/api/v1/streams/stage", "stop": "/api/v1/streams/stage/stop"},
+}
+
 StreamName = Annotated[str, InPath(pattern=f"^{keys.STREAM_ID}$", examples=["stage"])]
 
 OptionsModel: Any = fields_model("StreamOptions", StreamOptions)
@@ -58,6 +78,8 @@ class StreamRequest(BaseModel):
 class StreamView(BaseModel):
     """A stream as clients see it."""
 
+    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE_STREAM]})
+
     id: str
     state: State
     client: str
@@ -74,6 +96,10 @@ class StreamView(BaseModel):
 
 class StreamPage(BaseModel):
     """All streams, newest first."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"streams": [EXAMPLE_STREAM], "bus": ""}]}
+    )
 
     streams: list[StreamView]
     bus: str = Field(description="why there are no streams now; empty where all is well")

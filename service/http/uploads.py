@@ -14,9 +14,10 @@ import shutil
 import threading
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Request, Response
+from fastapi import Path as InPath
 from starlette.requests import ClientDisconnect
 
 from service.config import MIB
@@ -39,6 +40,27 @@ _busy_lock = threading.Lock()
 TUS_HEADERS = {
     "Tus-Resumable": {"schema": {"type": "string"}, "description": "the protocol's version"}
 }
+"""Of every answer."""
+
+OFFSET = {**TUS_HEADERS, "Upload-Offset": {"schema": {"type": "integer"}}}
+
+UploadId = Annotated[str, InPath(max_length=64, examples=["9d2c61f0a7e84b3c"])]
+
+
+def _asks(**headers: str | int) -> dict[str, Any]:
+    """Declare request headers for OpenAPI, by an example of each (``_`` for ``-``)."""
+    return {
+        "parameters": [
+            {
+                "name": name.replace("_", "-"),
+                "in": "header",
+                "required": name != "Upload_Metadata",
+                "schema": {"type": "string" if isinstance(value, str) else "integer"},
+                "example": value,
+            }
+            for name, value in {"Tus_Resumable": VERSION, **headers}.items()
+        ]
+    }
 
 
 def path_of(data: Path, upload_id: str) -> Path:
@@ -57,7 +79,9 @@ def sweep(store: Store) -> None:
             store.delete_upload(path.name)
 
 
-@router.options("", status_code=204)
+@router.options(
+    "", status_code=204, responses={204: {"description": "Told", "headers": TUS_HEADERS}}
+)
 async def options(request: Request) -> Response:
     """Tell what of tus is spoken."""
     return _answer(
@@ -73,10 +97,15 @@ async def options(request: Request) -> Response:
 @router.post(
     "",
     status_code=201,
+    response_class=Response,
     responses={
-        201: {"description": "Created; Location says where to send it", "headers": TUS_HEADERS},
+        201: {
+            "description": "Created; Location says where to send it",
+            "headers": {**TUS_HEADERS, "Location": {"schema": {"type": "string"}}},
+        },
         **responses(400, 412, 413, 422, 507),
     },
+    openapi_extra=_asks(Upload_Length=4096, Upload_Metadata="filename bGVmdC5wbmc="),
 )
 def create(request: Request, client: Annotated[Client, require("submit")]) -> Response:
     """Begin an upload of ``Upload-Length`` bytes, named by ``Upload-Metadata: filename …``."""
@@ -94,9 +123,20 @@ def create(request: Request, client: Annotated[Client, require("submit")]) -> Re
     return _answer(201, {"Location": f"/api/v1/uploads/{record.id}"})
 
 
-@router.head("/{upload_id}", responses=responses(404, 412))
+@router.head(
+    "/{upload_id}",
+    response_class=Response,
+    responses={
+        200: {
+            "description": "How much is there",
+            "headers": {**OFFSET, "Upload-Length": {"schema": {"type": "integer"}}},
+        },
+        **responses(404, 412, 422),
+    },
+    openapi_extra=_asks(),
+)
 def offset(
-    request: Request, upload_id: str, client: Annotated[Client, require("submit")]
+    request: Request, upload_id: UploadId, client: Annotated[Client, require("submit")]
 ) -> Response:
     """Tell how much of an upload is there."""
     _check_version(request)
@@ -109,19 +149,24 @@ def offset(
 @router.patch(
     "/{upload_id}",
     status_code=204,
-    responses=responses(400, 404, 408, 409, 412, 413, 415, 507),
-    openapi_extra={
+    responses={
+        204: {"description": "Taken", "headers": OFFSET},
+        **responses(400, 404, 408, 409, 412, 413, 415, 422, 507),
+    },
+    openapi_extra=_asks(Upload_Offset=0)
+    | {
         "requestBody": {
+            "required": True,
             "content": {
                 "application/offset+octet-stream": {
                     "schema": {"type": "string", "format": "binary"}
                 }
-            }
+            },
         }
     },
 )
 async def append(
-    request: Request, upload_id: str, client: Annotated[Client, require("submit")]
+    request: Request, upload_id: UploadId, client: Annotated[Client, require("submit")]
 ) -> Response:
     """Go on with an upload from ``Upload-Offset``."""
     _check_version(request)
@@ -155,9 +200,14 @@ async def append(
     return _answer(204, {"Upload-Offset": str(at)})
 
 
-@router.delete("/{upload_id}", status_code=204, responses=responses(404, 412))
+@router.delete(
+    "/{upload_id}",
+    status_code=204,
+    responses={204: {"description": "Gone", "headers": TUS_HEADERS}, **responses(404, 412, 422)},
+    openapi_extra=_asks(),
+)
 def remove(
-    request: Request, upload_id: str, client: Annotated[Client, require("submit")]
+    request: Request, upload_id: UploadId, client: Annotated[Client, require("submit")]
 ) -> Response:
     """Throw an upload away."""
     _check_version(request)

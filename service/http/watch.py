@@ -15,14 +15,14 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
-from fastapi import APIRouter, Header, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi import Path as InPath
 from fastapi.responses import StreamingResponse
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 from starlette.requests import HTTPConnection
 
 from service.http.auth import Client, identify, require
-from service.http.files import add_heads, matches, send_file, tag_of, unchanged
+from service.http.files import TAGGED, Known, add_heads, matches, send_file, tag_of, unchanged
 from service.http.jobs import find_job
 from service.http.problems import ProblemError, responses
 from service.http.streams import find as find_stream
@@ -40,7 +40,22 @@ BOUNDARY = "picture"
 TrackName = Literal["result", "before"]
 Kind = Literal["jobs", "streams"]
 Reader = Annotated[Client, require("read")]
-Name = Annotated[str, InPath(max_length=64, description="id of the job, or name of the stream")]
+Name = Annotated[
+    str,
+    InPath(max_length=64, description="id of the job, or name of the stream", examples=["stage"]),
+]
+
+EXAMPLE_PLAYLIST = """#EXTM3U
+#EXT-X-VERSION:7
+#EXT-X-TARGETDURATION:1
+#EXT-X-MEDIA-SEQUENCE:0
+#EXT-X-INDEPENDENT-SEGMENTS
+#EXT-X-PLAYLIST-TYPE:VOD
+#EXT-X-MAP:URI="init-0.mp4"
+#EXTINF:1.000000,
+segment-000000.m4s
+#EXT-X-ENDLIST
+"""
 
 
 class TrackView(BaseModel):
@@ -60,6 +75,32 @@ class TrackView(BaseModel):
 
 class WatchView(BaseModel):
     """What there is to watch."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "state": "live",
+                    "frames_total": None,
+                    "sampling": "area",
+                    "tracks": {
+                        "result": {
+                            "layout": "sbs",
+                            "fps": 15.0,
+                            "eye_width": 1024,
+                            "eye_height": 768,
+                            "codec": "avc1.640028",
+                            "first_frame": 0,
+                            "frames": None,
+                            "playlist": "/api/v1/streams/stage/watch/result/index.m3u8",
+                            "live": "/api/v1/streams/stage/watch/result/live",
+                            "stills": "/api/v1/streams/stage/watch/result/stills",
+                        }
+                    },
+                }
+            ]
+        }
+    )
 
     state: Literal["waiting", "growing", "live", "ended"]
     frames_total: int | None
@@ -181,7 +222,11 @@ def _addresses(programme: _Programme, track: str) -> dict[str, Any]:
     "/{kind}/{name}/watch/{track}/index.m3u8",
     response_class=Response,
     responses={
-        200: {"description": "The playlist (RFC 8216)", "content": {HLS: {}}},
+        200: {
+            **TAGGED,
+            "description": "The playlist (RFC 8216)",
+            "content": {HLS: {"schema": {"type": "string"}, "example": EXAMPLE_PLAYLIST}},
+        },
         304: {"description": "Nothing new"},
         **responses(404, 422),
     },
@@ -192,7 +237,7 @@ def playlist(
     name: Name,
     track: TrackName,
     client: Reader,
-    if_none_match: Annotated[str | None, Header()] = None,
+    if_none_match: Known = None,
 ) -> Response:
     """Return the HLS playlist: of a job all that is done so far, of a stream the last seconds."""
     programme = _programme(request, kind, name, client)
@@ -215,7 +260,9 @@ def playlist(
     responses={
         200: {
             "description": "JPEG pictures, each in place of the one before",
-            "content": {"multipart/x-mixed-replace": {}},
+            "content": {
+                "multipart/x-mixed-replace": {"schema": {"type": "string", "format": "binary"}}
+            },
         },
         **responses(404, 422),
     },
@@ -291,10 +338,11 @@ def part_of(
             max_length=40,
             description="`init-0.mp4`, `segment-000000.m4s` as the playlist says; the first "
             "picture of a segment of a job, `segment-000000.jpg`; the newest, `latest.jpg`",
+            examples=["segment-000000.m4s"],
         ),
     ],
     client: Reader,
-    if_none_match: Annotated[str | None, Header()] = None,
+    if_none_match: Known = None,
 ) -> Response:
     """Return a part of the video, or a picture of it."""
     programme = _programme(request, kind, name, client)

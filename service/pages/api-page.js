@@ -2,6 +2,20 @@
 
 import { ask, element, trying } from "./api.js";
 
+const nameOf = (schema) => schema?.$ref?.split("/").at(-1);
+
+/** An example of a body or an answer; undefined where it is of bytes. */
+function exampleOf({ example, examples, schema }, refs) {
+  if (schema?.type === "array") return [exampleOf({ schema: schema.items }, refs)];
+  const known = refs[nameOf(schema)] ?? schema;
+  return example ?? Object.values(examples ?? {})[0]?.value ?? known?.examples?.[0];
+}
+
+function shown(title, value) {
+  const text = typeof value === "string" ? value : JSON.stringify(value, null, 1);
+  return element("details", {}, element("summary", {}, title), element("pre", { tabindex: 0 }, text));
+}
+
 function operationItem(path, method, operation, refs) {
   const parameters = [...(operation.parameters ?? [])].map((item) => element("tr", {},
     element("td", {}, element("code", {}, item.name)), element("td", {}, item.in),
@@ -12,18 +26,23 @@ function operationItem(path, method, operation, refs) {
   const details = element("details", { class: "panel" },
     element("summary", {}, element("strong", {}, method.toUpperCase()), " ", element("code", {}, path)),
     element("p", {}, operation.description ?? operation.summary ?? ""));
-  for (const [type, { schema }] of Object.entries(body)) {
-    const name = schema?.$ref?.split("/").at(-1);
+  for (const [type, item] of Object.entries(body)) {
+    const name = nameOf(item.schema);
+    const example = exampleOf(item, refs);
     details.append(element("p", {}, `Body: ${type} `, name ? element("code", {}, name) : ""));
-    if (name) {
-      details.append(element("details", {}, element("summary", {}, `Schema of ${name}`),
-        element("pre", { tabindex: 0 }, JSON.stringify(refs[name], null, 1))));
-    }
+    if (name) details.append(shown(`Schema of ${name}`, refs[name]));
+    if (example !== undefined) details.append(shown(`Example of ${type}`, example));
   }
   const table = (title, rows) => rows.length && details.append(element("div", { class: "scroll" },
     element("table", {}, element("caption", { class: "soft small" }, title), element("tbody", {}, ...rows))));
   table("Parameters", parameters);
   table("Answers", answers);
+  for (const [status, { content }] of Object.entries(operation.responses)) {
+    for (const [type, item] of Object.entries(status < "3" ? content ?? {} : {})) {
+      const example = exampleOf(item, refs);
+      if (example !== undefined) details.append(shown(`Example of ${status}, ${type}`, example));
+    }
+  }
   return details;
 }
 

@@ -112,9 +112,9 @@ export function moment(text) {
   return new Date(text).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
 }
 
-/** The name of a job for people: its scene, without the folders. */
+/** The name of a job for people: its scene, without the folders, or that it is an export. */
 export function jobName(job) {
-  const scene = job.request.scene ?? Object.keys(job.request.uploads ?? {})[0]?.split("/")[0];
+  const scene = job.request.export ? "export" : job.request.scene ?? Object.keys(job.request.uploads ?? {})[0]?.split("/")[0];
   const parts = (scene ?? "scene").split("/").filter((part) => part && part !== "scene.json");
   return `${parts.at(-1) ?? "scene"} · ${job.id.slice(0, 8)}`;
 }

@@ -28,18 +28,35 @@ function showStatus(status) {
   for (const [id, value] of Object.entries(text)) place(id).textContent = value;
   place("health").className = `state ${status.ready ? "ready" : "failed"}`;
   place("no-streams").hidden = status.streams.length > 0;
-  place("streams").replaceChildren(...status.streams.map(streamItem));
+  showStreams(status.streams);
+}
+
+/** Keep the items of streams that are on air still, so that focus stays. */
+function showStreams(streams) {
+  const list = place("streams");
+  const known = new Map([...list.children].map((item) => [item.dataset.name, item]));
+  for (const stream of streams) {
+    const item = known.get(stream.name) ?? list.appendChild(streamItem(stream));
+    known.delete(stream.name);
+    item.querySelector("img").src = `${pictureOf(stream)}?${stream.fragments}`;
+    item.querySelector(".soft").textContent = numbersOf(stream);
+  }
+  for (const gone of known.values()) gone.remove();
+}
+
+const pictureOf = ({ name }) => `/api/v1/streams/${encodeURIComponent(name)}/watch/result/latest.jpg`;
+
+function numbersOf({ viewers, fragments }) {
+  return `${viewers === 1 ? "1 viewer" : `${viewers} viewers`}, ${fragments} frames`;
 }
 
 function streamItem(stream) {
   const where = `/watch/streams/${encodeURIComponent(stream.name)}`;
-  const viewers = stream.viewers === 1 ? "1 viewer" : `${stream.viewers} viewers`;
-  return element("li", { class: "job" },
-    element("img", { class: "thumb", alt: "", loading: "lazy",
-      src: `/api/v1/streams/${encodeURIComponent(stream.name)}/watch/result/latest.jpg?${stream.fragments}` }),
+  return element("li", { class: "job", "data-name": stream.name },
+    element("img", { class: "thumb", alt: "" }),
     element("div", { class: "what" },
       element("a", { class: "name", href: where }, stream.name),
-      element("span", { class: "soft small" }, `${viewers}, ${stream.fragments} frames`)),
+      element("span", { class: "soft small" })),
   );
 }
 

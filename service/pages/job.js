@@ -39,6 +39,11 @@ function showProgress(job) {
   place("count").textContent = total ? `${job.frames_done} of ${total} frames` : "";
 }
 
+/** What was asked for, as text: of a form of export its values, one after the other. */
+function plain(value) {
+  return value && typeof value === "object" ? Object.values(value).join(" ") : String(value);
+}
+
 function showFacts(job) {
   const facts = [["id", job.id], ["client", job.client], ["created", moment(job.created)],
     ["priority", job.priority], ["attempt", job.attempt]];
@@ -48,7 +53,7 @@ function showFacts(job) {
       for (const [key, inner] of Object.entries(value)) walk(inner, key);
       return undefined;
     }
-    return facts.push([name, Array.isArray(value) ? value.join(", ") : String(value)]);
+    return facts.push([name, Array.isArray(value) ? value.map(plain).join(", ") : plain(value)]);
   };
   walk(job.request, "request");
   place("facts").replaceChildren(...facts.flatMap(([key, value]) => [

@@ -14,8 +14,16 @@ const players = {};
 let seen = null;
 let report = null;
 let drawn = 0;
-let shownFrame = -1;
+let shownFrame = null;
 let way = null;
+let looking = null;
+
+/** What works on a video only; pictures come as they are, both eyes side by side. */
+const OF_VIDEO = ["looks", "swap", "play", "seek", "back-frame", "next-frame"];
+
+/** Milliseconds until the picture that was sought is looked for again. */
+const LOOK_AGAIN = 100;
+const TRIES = 100;
 
 window.depthsrWatch = { view, videos, numbers: () => ({ drawn, shownFrame, way }) };
 
@@ -24,26 +32,41 @@ window.depthsrWatch = { view, videos, numbers: () => ({ drawn, shownFrame, way }
 function follow(name) {
   const video = videos[name];
   if (!video.requestVideoFrameCallback) {
-    video.addEventListener("timeupdate", () => show(name, video.currentTime));
+    video.addEventListener("timeupdate", () => show(name));
     return;
   }
-  const next = (_, { mediaTime }) => {
-    show(name, mediaTime);
+  const next = () => {
+    show(name);
     video.requestVideoFrameCallback(next);
   };
   video.requestVideoFrameCallback(next);
 }
 
-function show(name, mediaTime) {
+/** The picture that a video holds now, which knows its own time; null where it holds none. */
+function standing(video) {
+  if (!window.VideoFrame) return { image: video, time: null, close: () => {} };
+  try {
+    const image = new VideoFrame(video);
+    return { image, time: image.timestamp / 1e6, close: () => image.close() };
+  } catch {
+    return null;
+  }
+}
+
+/** Draw what a video holds; the number that is said is that of the very picture drawn. */
+function show(name) {
   if (!view.works || !videos[name].videoWidth || !seen.tracks.result) return;
-  view.take(name, videos[name]);
+  const picture = standing(videos[name]);
+  if (!picture) return;
+  view.take(name, picture.image);
+  if (name === "before") showTags();
   if (name === "result") {
     drawn += 1;
-    const track = seen.tracks.result;
-    shownFrame = Math.round(mediaTime * track.fps);
+    shownFrame = picture.time === null ? null : Math.round(picture.time * seen.tracks.result.fps);
     place("message").hidden = true;
     keepTogether();
   }
+  picture.close();
   view.draw();
   showPlace();
 }
@@ -66,9 +89,14 @@ function keepTogether() {
 
 // Delivery
 
-function open(name) {
+function shut(name) {
   players[name]?.close();
   delete players[name];
+  if (name === "before") view.hasBefore = false;
+}
+
+function open(name) {
+  shut(name);
   const track = seen.tracks[name];
   if (!track) return;
   const onTrouble = (text) => {
@@ -84,20 +112,18 @@ function open(name) {
 function begin(chosen) {
   way = chosen;
   const stills = way === "stills";
+  shownFrame = null;
+  place("time").textContent = "";
+  facts(place("frame"), []);
   place("stills").hidden = !stills;
   place("canvas").hidden = stills;
   place("stills").src = stills ? seen.tracks.result.stills : "";
-  for (const name of ["result", "before"]) {
-    players[name]?.close();
-    delete players[name];
-  }
-  if (stills) {
-    place("message").hidden = true;
-    return;
-  }
-  open("result");
-  if (view.options.mode === "compare") open("before");
-  play(true);
+  for (const id of OF_VIDEO) place(id).disabled = stills;
+  for (const name of ["result", "before"]) shut(name);
+  if (!stills) open("result");
+  choose({});
+  if (stills) place("message").hidden = true;
+  else play(true);
 }
 
 function play(wanted) {
@@ -183,8 +209,10 @@ function showPlace() {
   seek.max = end;
   if (document.activeElement !== seek || !video.paused) seek.value = video.currentTime;
   seek.setAttribute("aria-valuetext", `${duration(video.currentTime)} of ${duration(end)}`);
-  place("time").textContent = `${duration(video.currentTime)} / ${duration(end)} · frame ${track.first_frame + Math.max(0, shownFrame)}`;
-  if (report?.frames) facts(place("frame"), frameFacts(report, track.first_frame + shownFrame));
+  const time = shownFrame === null ? video.currentTime : shownFrame / track.fps;
+  const number = shownFrame === null ? "" : ` · frame ${track.first_frame + shownFrame}`;
+  place("time").textContent = `${duration(time)} / ${duration(end)}${number}`;
+  if (report?.frames && shownFrame !== null) facts(place("frame"), frameFacts(report, track.first_frame + shownFrame));
 }
 
 // Controls
@@ -192,17 +220,21 @@ function showPlace() {
 function choose(changes) {
   Object.assign(view.options, changes);
   const { mode } = view.options;
-  place("compare-tools").hidden = mode !== "compare";
-  place("tag-one").hidden = mode !== "compare";
-  place("tag-two").hidden = mode !== "compare";
-  place("half").disabled = !["sbs", "tab"].includes(mode);
-  if (mode === "compare" && !players.before && way !== "stills") open("before");
-  if (mode !== "compare" && players.before) {
-    players.before.close();
-    delete players.before;
-  }
+  const stills = way === "stills";
+  place("compare-tools").hidden = mode !== "compare" || stills;
+  place("half").disabled = !["sbs", "tab"].includes(mode) || stills;
+  if (mode === "compare" && !players.before && !stills) open("before");
+  if (mode !== "compare" && players.before) shut("before");
   if (mode === "compare") keepTogether();
+  showTags();
   view.draw();
+}
+
+/** Say which half is what, where there are two. */
+function showTags() {
+  const both = view.options.mode === "compare" && view.hasBefore;
+  place("tag-one").hidden = !both;
+  place("tag-two").hidden = !both;
 }
 
 for (const input of document.querySelectorAll('[name="mode"]')) {
@@ -230,20 +262,24 @@ place("canvas").addEventListener("pointermove", (event) => {
 });
 for (const name of ["play", "pause", "ended"]) videos.result.addEventListener(name, showPlaying);
 
-/** Show the picture that stands: a busy machine may call no frame after a seek or at the end. */
-function showStanding() {
+/** Show the picture that was sought: a busy machine puts it there late, and may call no frame. */
+function showSought(tries = TRIES) {
   if (!seen.tracks.result) return; // a stream that has been stopped
-  const { fps } = seen.tracks.result;
-  const at = videos.result.currentTime * fps - (videos.result.ended ? 1 : 0);
-  show("result", Math.floor(at + 1e-3) / fps);
+  const video = videos.result;
+  const sought = Math.floor(video.currentTime * seen.tracks.result.fps + 1e-3) - (video.ended ? 1 : 0);
+  show("result");
+  clearTimeout(looking);
+  if (!video.paused || shownFrame === null || shownFrame === sought || !tries) return;
+  looking = setTimeout(() => showSought(tries - 1), LOOK_AGAIN);
 }
-for (const name of ["seeked", "ended"]) videos.result.addEventListener(name, showStanding);
+for (const name of ["seeked", "ended"]) videos.result.addEventListener(name, () => showSought());
 
 function step(frames) {
   if (!seen?.tracks.result) return;
   videos.result.pause();
   const { fps } = seen.tracks.result;
-  videos.result.currentTime = Math.max(0, (Math.max(0, shownFrame) + frames + 0.5) / fps);
+  const from = shownFrame ?? Math.floor(videos.result.currentTime * fps);
+  videos.result.currentTime = Math.max(0, (from + frames + 0.5) / fps);
 }
 place("back-frame").addEventListener("click", () => step(-1));
 place("next-frame").addEventListener("click", () => step(1));

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hypothesis
+import jsonschema_rs
+import pytest
 import schemathesis
 from schemathesis.checks import not_a_server_error
 from schemathesis.specs.openapi.checks import (
@@ -43,11 +45,59 @@ def test_every_answer_is_declared(make_service):
     assert tried > 15
 
 
-def test_every_operation_says_what_it_does(tmp_path):
-    description = create_app(ServiceConfig(data=tmp_path / "data")).openapi()
+@pytest.fixture(scope="module")
+def description(tmp_path_factory):
+    return create_app(ServiceConfig(data=tmp_path_factory.mktemp("app") / "data")).openapi()
+
+
+def test_every_operation_says_what_it_does(description):
     for where, methods in description["paths"].items():
         for method, operation in methods.items():
             assert operation["description"], (method, where)
             if where.startswith("/api/v1/jobs"):
                 assert "401" in operation["responses"]
     assert description["components"]["schemas"]["JobRequest"]["examples"]
+
+
+def _examples(item, schemas):
+    """Return the examples of a parameter or of the content of a body."""
+    schema = item.get("schema", {})
+    schema = schemas.get(schema.get("$ref", "").rpartition("/")[2], schema)
+    if schema.get("type") == "array":
+        return [[found] for found in _examples({"schema": schema["items"]}, schemas)]
+    named = [found["value"] for found in item.get("examples", {}).values()]
+    alone = [item["example"]] if "example" in item else []
+    given = [schema["default"]] if "default" in schema else []
+    fields = [
+        (name, found[0])
+        for name, field in schema.get("properties", {}).items()
+        if (found := _examples({"schema": field}, {}))
+    ]
+    whole = [dict(fields)] if fields and len(fields) == len(schema["properties"]) else []
+    return named + alone + schema.get("examples", []) + schema.get("enum", []) + given + whole
+
+
+def _parts(description):
+    """Yield the name and the schema holder of each parameter, body and answer, bytes left out."""
+    for where, methods in description["paths"].items():
+        for method, operation in methods.items():
+            if where.startswith("/dscqs/"):
+                continue
+            for item in operation.get("parameters", []):
+                yield f"{method} {where}: {item['name']}", item
+            answers = [item for status, item in operation["responses"].items() if status < "3"]
+            for holder in (operation.get("requestBody", {}), *answers):
+                for kind, item in holder.get("content", {}).items():
+                    if item.get("schema", {}).get("format") != "binary":
+                        yield f"{method} {where}: {kind}", item
+
+
+def test_everything_asked_for_or_answered_has_an_example_that_fits(description):
+    schemas = description["components"]["schemas"]
+    without, wrong = [], []
+    for name, item in _parts(description):
+        found = _examples(item, schemas)
+        without += [] if found else [name]
+        schema = {**item.get("schema", {}), "components": description["components"]}
+        wrong += [name for example in found if not jsonschema_rs.is_valid(schema, example)]
+    assert (without, wrong) == ([], [])

@@ -32,7 +32,11 @@ def job(live_service, tiny_scene):
     scene = SampleScene(width=48, height=36, num_views=3)
     write_scene(tiny_scene.parent / "long", scene, num_frames=FRAMES)
     with httpx.Client(base_url=live_service.url, timeout=60) as api:
-        body = {"scene": "long", "output": {"segment_length": 12}}
+        body = {
+            "scene": "long",
+            "output": {"segment_length": 12},
+            "exports": [{"layout": "tab", "container": "mp4"}],
+        }
         made = api.post("/api/v1/jobs", json=body).json()["id"]
         follow(api, made)
     return made
@@ -170,6 +174,24 @@ def test_before_is_the_observed_picture_enlarged_bicubically(chromium, live_serv
         assert np.abs(_pixels(page) - expected).max() > 10
 
 
+def test_pictures_come_without_what_only_a_video_has(chromium, live_service, job):
+    with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
+        _first_frame(page)
+        page.locator("text=Before and after").click()
+        page.wait_for_selector("#tag-one:not([hidden])")
+        assert "frame 0" in page.locator("#time").inner_text()
+        page.locator("text=Pictures").click()
+        _until(page, "document.getElementById('stills').naturalWidth > 0")
+        for hidden in ("#tag-one", "#tag-two", "#compare-tools", "#canvas"):
+            assert not page.locator(hidden).is_visible()
+        assert page.locator("#time").inner_text() == ""
+        assert page.locator("#play").is_disabled()
+        assert page.locator("[name=mode]").first.is_disabled()
+        page.locator("#ways >> text=HLS").click()
+        page.wait_for_selector("#tag-one:not([hidden])")
+        assert page.locator("#play").is_enabled()
+
+
 def test_the_live_edge_plays_to_the_end(chromium, tmp_path):
     config = ServiceConfig(data=tmp_path / "data", workers=0, zenoh="off")
     with OnAir(config) as station:
@@ -260,6 +282,14 @@ def test_who_has_no_token_is_led_to_the_door_and_back(chromium, make_service, tm
         page.locator("#leave").click()
         page.wait_for_url("**/login")
         assert page.context.cookies() == []
+
+
+def test_the_page_of_a_job_says_what_was_asked_for(chromium, live_service, job):
+    with opened(chromium, f"{live_service.url}/jobs/{job}") as page:
+        _until(page, "document.querySelectorAll('#facts dd').length > 5")
+        said = page.locator("#facts").inner_text()
+        assert "tab mp4" in said
+        assert "object" not in said
 
 
 PAGES = {

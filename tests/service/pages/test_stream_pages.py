@@ -139,3 +139,44 @@ def test_a_stream_that_is_stopped_and_made_again_is_watched_again(chromium, stat
         drawn = page.evaluate("window.depthsrWatch.numbers().drawn")
         with Camera(station):
             _until(page, f"window.depthsrWatch.numbers().drawn > {drawn + 3}")
+
+
+def test_the_number_said_is_that_of_the_picture_drawn(chromium, station):
+    """Whoever asks for a picture while others come may get an earlier one than the clock says."""
+    with Camera(station), opened(chromium, f"http://{station.address}/watch/streams/cam") as page:
+        _until(page, "window.depthsrWatch.numbers().drawn > 0")
+        seen = page.evaluate(
+            """async () => {
+              const { view, videos, numbers } = window.depthsrWatch, { gl } = view;
+              const pixel = new Uint8Array(4), seen = [];
+              for (let time = 0; time < 150; time += 1) {
+                videos.result.dispatchEvent(new Event("seeked"));
+                gl.readPixels(16, 16, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
+                const said = document.getElementById("time").textContent.split("frame ")[1];
+                seen.push([numbers().shownFrame, Number(said), pixel[1]]);
+                await new Promise((go) => setTimeout(go, 9));
+              }
+              return seen;
+            }"""
+        )
+    assert len({frame for frame, _, _ in seen}) > 5
+    assert [said for _, said, _ in seen] == [frame for frame, _, _ in seen]
+    assert [round((level - 30) / 4) for _, _, level in seen] == [n % 17 for n, _, _ in seen]
+
+
+def test_who_stands_on_a_stream_of_the_dashboard_is_left_there(chromium, station):
+    with (
+        Camera(station),
+        opened(
+            chromium,
+            f"http://{station.address}/",
+            errors=("404",),  # nobody makes stills here
+        ) as page,
+    ):
+        link = page.locator("#streams [data-name=cam] a")
+        link.focus()
+        said = page.locator("#streams [data-name=cam] .soft").inner_text()
+        assert said.startswith("0 viewers, ")
+        numbers = "document.querySelector('#streams [data-name=cam] .soft').textContent"
+        _until(page, f"{numbers} !== '{said}'")
+        assert page.evaluate("document.activeElement.textContent") == "cam"
