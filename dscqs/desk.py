@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from dscqs.displays import DisplayShelf
-from dscqs.errors import NotFound, NotLoggedIn, OrderError, PlanError, UsedUp
+from dscqs.displays import DisplayProfile, DisplayShelf
+from dscqs.errors import DisplayError, NotFound, NotLoggedIn, OrderError, PlanError, UsedUp
 from dscqs.group import Group
 from dscqs.order import ORDER_VERSION, Kind, Presentation, make_order
 from dscqs.plan import Plan, plan_from_dict, plan_to_dict
@@ -147,8 +147,13 @@ class Desk:
 
         The session is made where there is none, and its order stored; where there is one, the
         new link goes on with it, and earlier links and cookies end when it is opened.
+
+        Raises
+        ------
+        DisplayError
+            If the display has fewer pixels than a stimulus: nothing is ever scaled.
         """
-        plan = plan_from_dict(self.store.test(test).plan)
+        plan = self._plan_for(test, display)
         _check_invitation(plan, assessor, display, language)
         with self._lock:
             others = self.store.sessions(test)
@@ -167,7 +172,7 @@ class Desk:
         self, test: str, assessors: Sequence[str], display: str, language: str = "en"
     ) -> tuple[str, dict[str, str]]:
         """Return a link for the screen of a group, and one for the telephone of each assessor."""
-        plan = plan_from_dict(self.store.test(test).plan)
+        plan = self._plan_for(test, display)
         if not assessors or len(set(assessors)) != len(assessors):
             raise PlanError("assessors: must be a list of at least one code, each once")
         for assessor in assessors:
@@ -393,6 +398,14 @@ class Desk:
             live.learn(event, stored.at)
         return live
 
+    def _plan_for(self, test: str, display: str) -> Plan:
+        """Return the plan of a test, once every stimulus fits the display."""
+        record = self.store.test(test)
+        plan = plan_from_dict(record.plan)
+        if display in plan.displays:
+            _check_size(record.files, display, self.displays.get(display))
+        return plan
+
     def _new_session(
         self, plan: Plan, test: str, assessor: str, display: str, language: str, number: int
     ) -> SessionRecord:
@@ -427,6 +440,21 @@ def _key(live: Live, presentation: Presentation, side: str) -> str:
 def hashed(secret: str) -> str:
     """Return what is stored of a secret."""
     return hashlib.sha256(secret.encode()).hexdigest()
+
+
+def _check_size(
+    files: Mapping[str, Mapping[str, Any]], display: str, profile: DisplayProfile
+) -> None:
+    if profile.mode == "webxr":
+        return
+    for key, file in files.items():
+        eye = file["width"] // 2, file["height"]
+        if any(one > most for one, most in zip(eye, profile.eye_px, strict=True)):
+            raise DisplayError(
+                f"{key}: has {eye[0]}×{eye[1]} pixels for each eye, and {display} "
+                f"{profile.eye_px[0]}×{profile.eye_px[1]}; nothing is scaled, so take another "
+                "display, or smaller stimuli"
+            )
 
 
 def _check_invitation(plan: Plan, assessor: str, display: str, language: str) -> None:

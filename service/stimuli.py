@@ -118,7 +118,9 @@ def make_stimuli(
     for key, source in sources.items():
         with _opened(source, fetch, grid or Settings().grid) as clip:
             made.append(_make(key, source, clip, out, kind, frame, fps or clip.fps))
-        say(f"{made[-1].file}: {made[-1].width}×{made[-1].height}, {made[-1].frames} frames")
+        last = made[-1]
+        frames = f"{last.frames} frame{'s' * (last.frames != 1)}"
+        say(f"{last.file}: {last.width}×{last.height}, {frames}")
     _check_alike(made)
     _write_manifest(out, kind, made)
     return made

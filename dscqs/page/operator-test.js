@@ -120,7 +120,7 @@ function warnings(row) {
   const said = row.notes.map((note) =>
     el("div", { class: "warning", text: note.reason ? `${note.kind}: ${note.reason}` : note.kind }));
   if (row.failed) said.unshift(el("div", { class: "bad", text: row.failed === 1 ? "1 failed showing" : `${row.failed} failed showings` }));
-  return said.length ? said.slice(0, 3) : [el("span", { class: "muted", text: "none" })];
+  return said.length ? said.slice(0, 3) : [el("span", { class: "muted", text: "no warnings" })];
 }
 
 function action({ api, attempt }, test, row, refresh, name, text, isDisabled = false, question = "") {

@@ -342,6 +342,24 @@ def test_the_profile_of_a_display_is_that_of_the_day(operator, enter, plan):
     operator.http.put(f"{url}/polarised", json={**profile, "swap": False})
 
 
+def test_nobody_is_let_in_where_stimuli_are_larger_than_the_display(operator, plan):
+    """Stimuli have 32 × 24 pixels for each eye, and are never scaled."""
+    small = {"title": "small", "mode": "rows", "width_px": 31, "height_px": 24,
+             "distance_heights": 3}  # fmt: skip
+    operator.http.put("/dscqs/api/operator/displays/small", json=small)
+    test = operator.make_test({**plan, "displays": ["small"]})
+    way = f"/dscqs/api/operator/tests/{test}"
+    for what, who in (("links", "assessor"), ("dry-run", "assessor"), ("groups", "assessors")):
+        asked = {"display": "small", "language": "en", who: ["a1"] if who[-1] == "s" else "a1"}
+        answer = operator.http.post(f"{way}/{what}", json=asked)
+        assert (answer.status_code, answer.json()["code"]) == (400, "display-error")
+        assert "32×24 pixels for each eye, and small 31×24" in answer.json()["message"]
+    assert operator.progress(test) == []
+    fitting = {**small, "width_px": 32}
+    operator.http.put("/dscqs/api/operator/displays/small", json=fitting)
+    operator.invite(test, "a1", "small")
+
+
 def test_a_stimulus_that_was_changed_is_not_shown(operator, enter, plan, served):
     client = enter(operator.make_test(plan))
     state = _at_presentation(client)
