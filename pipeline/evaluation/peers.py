@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -19,7 +20,7 @@ from pipeline.evaluation.kept import made_once
 from pipeline.evaluation.methods import Accounted, MethodRun, accounted, fidelity, timed_run
 from pipeline.evaluation.rivals import PEERS, Given, Peer, moved_half
 from pipeline.evaluation.subjects import Subject
-from pipeline.evaluation.tables import Table, number, signed
+from pipeline.evaluation.tables import NOT_MEASURED, Table, number, signed
 from pipeline.frames import GreyImage
 from pipeline.threads import thread_count
 
@@ -28,6 +29,9 @@ OURS = ("bicubic", SINGLE_VIEW, DEFAULT)
 
 MANY_VIEWS = 4
 """Views from which, with noise, the goal is to win everywhere."""
+
+MIDDLE = (96, 72)
+"""Width and height of what a slow peer is given: the middle of the picture, LR pixels."""
 
 LEFT_OUT = (
     "OpenCV's BTV-L1 (superres) is left out: its Python packages do not bind it; it can only be "
@@ -110,7 +114,6 @@ def measure_peers(
     *,
     note: Callable[[str], None] = lambda _: None,
     peers: Sequence[Peer] = PEERS,
-    with_vidsr: bool = True,
     folder: Path | None = None,
 ) -> list[PeerRow]:
     """Return a row for each input and method, ours first; those that are absent say so.
@@ -119,8 +122,6 @@ def measure_peers(
     ----------
     peers : sequence of Peer
         Those that take one picture.
-    with_vidsr : bool
-        Whether the one packaged program that fuses several pictures is tried, too.
     folder : Path, optional
         Where it is kept what networks make, and taken from if it is there.
     """
@@ -159,21 +160,92 @@ def measure_peers(
             rows.append(
                 row(peer.name, made.result, made.cpu_seconds, made.memory_mib, is_peer=True)
             )
-        if with_vidsr:
-            remark = vidsr.missing()
-            if remark:
-                rows.append(_absent(subject, kind, vidsr.NAME, remark))
-                continue
-            note(f"{subject.name}, {kind.name}: {vidsr.NAME}")
-            sigma = HALVING.sigma if kind.sigma is None else kind.sigma
-            picture, remark = vidsr.fused(degraded.frame, eye, sigma)
-            if picture is None:
-                rows.append(_absent(subject, kind, vidsr.NAME, remark))
-                continue
-            image = _placed(picture, kind.sigma)
-            unknown = float("nan")
-            rows.append(row(vidsr.NAME, image, unknown, unknown, is_peer=True))
     return rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class MiddleRow:
+    """vidsr and ours on the middle of the left eye of one scene, made in one way."""
+
+    scene: str
+    num_views: int
+    input_name: str
+    psnr: dict[str, float]
+    """By method, dB."""
+    ssim: dict[str, float]
+    cpu_seconds: float
+    """Of vidsr, all its processes; NaN where it did not run."""
+    remark: str = ""
+    """Why it did not run; empty where it did."""
+
+
+def measure_middle(
+    subject: Subject,
+    kinds: Iterable[InputKind],
+    *,
+    note: Callable[[str], None] = lambda _: None,
+) -> list[MiddleRow]:
+    """Return a row for each noisy input of a scene of many views: vidsr takes too long for more.
+
+    It fuses the views, as the default does, and works on a region of interest; ours are
+    measured over the same pixels of their whole pictures.
+    """
+    if len(subject.view_ids) < MANY_VIEWS:
+        return []
+    rows = []
+    for kind in kinds:
+        if kind.noise == 0:
+            continue
+        degraded = kind.frame(subject)
+        region = _middle_of(degraded.frame.lr_shape)
+        made = _fused(subject, degraded, kind, region, note)
+        pictures = {}
+        if not isinstance(made, str):
+            pictures[vidsr.NAME] = _placed(made.picture, kind.sigma)
+            for method in OURS:
+                image = kind.run(method, subject, degraded).image
+                pictures[method] = _inside(image, region)
+        truth = _inside(degraded.truth[subject.eyes[0]], region)
+        found = {name: fidelity(picture, truth, BORDER) for name, picture in pictures.items()}
+        rows.append(
+            MiddleRow(
+                scene=subject.name, num_views=len(subject.view_ids), input_name=kind.name,
+                psnr={name: one.psnr for name, one in found.items()},
+                ssim={name: one.ssim for name, one in found.items()},
+                cpu_seconds=float("nan") if isinstance(made, str) else made.cpu_seconds,
+                remark=made if isinstance(made, str) else "",
+            )
+        )  # fmt: skip
+    return rows
+
+
+def _fused(
+    subject: Subject, degraded: DegradedFrame, kind: InputKind,
+    region: tuple[int, int, int, int], note: Callable[[str], None],
+) -> vidsr.Fused | str:  # fmt: skip
+    """Return what vidsr makes of a region, told the σ nearest to the truth; or why nothing."""
+    remark = vidsr.missing()
+    if remark:
+        return remark
+    note(f"{subject.name}, {kind.name}: {vidsr.NAME}, the middle")
+    sigma = HALVING.sigma if kind.sigma is None else kind.sigma
+    return vidsr.fused(degraded.frame, subject.eyes[0], sigma, region)
+
+
+def _middle_of(lr_shape: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Return x, y, width, height of the middle, all even, LR pixels."""
+    height, width = (
+        min(side, shape) for side, shape in zip(reversed(MIDDLE), lr_shape, strict=True)
+    )
+    return (lr_shape[1] - width) // 4 * 2, (lr_shape[0] - height) // 4 * 2, width, height
+
+
+def _inside(
+    image: npt.NDArray[np.uint8], region: tuple[int, int, int, int]
+) -> npt.NDArray[np.uint8]:
+    """Return the part of an HR picture that shows a region of the LR one."""
+    x, y, width, height = (2 * number for number in region)
+    return image[y : y + height, x : x + width]
 
 
 def _made(peer: Peer, lr_image: GreyImage, given: Given) -> Accounted[npt.NDArray[np.uint8]]:
@@ -223,19 +295,20 @@ def _best(rows: Iterable[PeerRow], measure: str) -> PeerRow:
     return max((row for row in rows if row.is_peer), key=lambda row: getattr(row, measure))
 
 
-def chapter(rows: Sequence[PeerRow]) -> Chapter:
+def chapter(rows: Sequence[PeerRow], middles: Sequence[MiddleRow] = ()) -> Chapter:
     """Return the comparison, and in words where the default wins and where a peer does."""
     cells = _cells(rows)
     return Chapter(
         key="peers",
         title="Beside other projects' packages",
         question="Is there a package that does better, and on what?",
-        answer=_answer(rows, cells),
+        answer=[*_answer(rows, cells), *_answer_of_middles(middles), LEFT_OUT],
         tables=[
             ("The default and the best of the peers, left eye", _summary(cells)),
+            *([(_MIDDLE_TITLE, _middle_table(middles))] if middles else []),
             ("Every method, left eye", _full_table(rows)),
         ],
-        data={"rows": list(rows)},
+        data={"rows": list(rows), "middles": list(middles)},
     )
 
 
@@ -275,7 +348,49 @@ def _answer(rows: Sequence[PeerRow], cells: Mapping[Cell, Sequence[PeerRow]]) ->
     if absent:
         names = "; ".join(f"{method}: {remark}" for method, remark in absent)
         sentences.append(f"Not measured: {names}.")
-    return [*sentences, LEFT_OUT]
+    return sentences
+
+
+def _answer_of_middles(middles: Sequence[MiddleRow]) -> list[str]:
+    margins = [row.psnr[DEFAULT] - row.psnr[vidsr.NAME] for row in middles if not row.remark]
+    remarks = dict.fromkeys(row.remark for row in middles if row.remark)
+    sentences = [f"Not measured: {vidsr.NAME}: {remark}." for remark in remarks]
+    if margins:
+        won = sum(margin > 0 for margin in margins)
+        sentences.append(
+            f"Against {vidsr.NAME}, which fuses the views as the default does and takes minutes "
+            f"for a whole picture, the default wins {won} of {len(margins)} cells on the middle "
+            f"{MIDDLE[0]}×{MIDDLE[1]} LR pixels, by {signed(min(margins))} to "
+            f"{signed(max(margins))} dB."
+        )
+    return sentences
+
+
+_MIDDLE_TITLE = (
+    f"{vidsr.NAME}, too slow for whole pictures, and ours, on the middle {MIDDLE[0]}×{MIDDLE[1]} "
+    "LR pixels of the left eye"
+)
+
+
+def _middle_table(middles: Iterable[MiddleRow]) -> Table:
+    methods = (vidsr.NAME, *OURS)
+    return Table(
+        head=(
+            "scene", "views", "input", *(f"{method} dB" for method in methods), "margin dB",
+            f"{vidsr.NAME} SSIM", f"{DEFAULT} SSIM", f"{vidsr.NAME} CPU s", "",
+        ),
+        rows=tuple(
+            (
+                row.scene, str(row.num_views), row.input_name,
+                *(number(row.psnr.get(method, math.nan)) for method in methods),
+                NOT_MEASURED if row.remark else signed(row.psnr[DEFAULT] - row.psnr[vidsr.NAME]),
+                *(number(row.ssim.get(method, math.nan), 4) for method in (vidsr.NAME, DEFAULT)),
+                number(row.cpu_seconds), row.remark,
+            )
+            for row in middles
+        ),
+        left=("input", ""),
+    )  # fmt: skip
 
 
 def _summary(cells: Mapping[Cell, Sequence[PeerRow]]) -> Table:

@@ -247,7 +247,10 @@ def _peers(
         for _, subject in subjects
         for row in peers.measure_peers(subject, kinds, note=note, folder=plan.peers_folder)
     ]
-    return peers.chapter(rows)
+    middles = [
+        row for _, subject in subjects for row in peers.measure_middle(subject, kinds, note=note)
+    ]
+    return peers.chapter(rows, middles)
 
 
 # --- writing ---------------------------------------------------------------------------------

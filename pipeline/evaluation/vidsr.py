@@ -1,16 +1,18 @@
 """vidsr, a packaged program that fuses frames of a video, run on the views as if they were one.
 
-Its alignment is one motion of the whole picture for each frame, chosen by itself; its
+It is made for a region of interest: one motion of it for each frame, chosen by itself; its
 sharpening beyond back-projection is switched off. It runs as a program of its own, beside this
 one, and needs ffmpeg and ffprobe.
 """
 
 from __future__ import annotations
 
+import resource
 import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
@@ -29,7 +31,7 @@ LONGEST = 900
 
 PLAIN = (
     "--fusion", "trimmed", "--rl", "0", "--unsharp", "0", "--clahe", "0", "--denoise", "0",
-    "--gray", "--bits", "16", "--no-variants", "--keep-duplicates",
+    "--gray", "--bits", "16", "--no-variants", "--keep-duplicates", "--out-pad", "0",
 )  # fmt: skip
 """Back-projection, and nothing for the look."""
 
@@ -42,10 +44,20 @@ def missing() -> str:
     return f"needs {' and '.join(tools)}" if tools else ""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fused:
+    """A region of a view doubled."""
+
+    picture: npt.NDArray[np.float32]
+    """Twice as many rows and columns as the region, pixel areas aligned, grey levels."""
+    cpu_seconds: float
+    """Of all of its processes and threads."""
+
+
 def fused(
-    frame: MultiViewFrame, reference: str, sigma: float
-) -> tuple[npt.NDArray[np.float32] | None, str]:
-    """Return the reference view doubled, (2·H, 2·W), pixel areas aligned; or None and why not.
+    frame: MultiViewFrame, reference: str, sigma: float, region: tuple[int, int, int, int]
+) -> Fused | str:
+    """Return a region of the reference view doubled, or why not.
 
     Parameters
     ----------
@@ -55,17 +67,20 @@ def fused(
         View id.
     sigma : float
         Of the PSF, HR pixels.
+    region : (x, y, width, height)
+        LR pixels, all even.
     """
     program = package_path("vidsr")
     assert program is not None
-    height, width = frame.lr_shape
+    width, height = region[2:]
+    begin = _seconds_of_children()
     ids = [view.view_id for view in frame.views]
     with tempfile.TemporaryDirectory() as folder:
         clip, out = Path(folder) / "views.webm", Path(folder) / "out"
         write_lossless_webm(clip, [_even(view.luma) for view in frame.views], Fraction(25))
         command = [
             sys.executable, str(program), "sr", str(clip), "--out", str(out), "--start", "0",
-            "--roi", f"0,0,{width + width % 2},{height + height % 2}", "--scale", "2",
+            "--roi", ",".join(str(number) for number in region), "--scale", "2",
             "--ref", str(ids.index(reference)), "--psf", f"{sigma:g}", *PLAIN,
         ]  # fmt: skip
         try:
@@ -73,18 +88,24 @@ def fused(
                 command, capture_output=True, text=True, timeout=LONGEST, check=False
             )
         except subprocess.TimeoutExpired:
-            return None, f"did not end within {LONGEST} s"
+            return f"did not end within {LONGEST} s"
         made = sorted(out.glob("05_result*.png"))
         if done.returncode != 0 or not made:
             said = (done.stderr or done.stdout).strip().splitlines()
-            return None, f"failed: {said[-1] if said else f'status {done.returncode}'}"
+            return f"failed: {said[-1] if said else f'status {done.returncode}'}"
         picture = cv2.imread(str(made[0]), cv2.IMREAD_UNCHANGED)
     if picture.ndim == 3:
         picture = picture[..., 0]
-    if min(picture.shape[0] - 2 * height, picture.shape[1] - 2 * width) < 0:
-        return None, f"gave {picture.shape[1]}×{picture.shape[0]} pixels, too few"
-    grey = picture[: 2 * height, : 2 * width].astype(np.float32)
-    return grey * np.float32(255 / np.iinfo(picture.dtype).max), ""
+    if picture.shape != (2 * height, 2 * width):
+        return f"gave {picture.shape[1]}×{picture.shape[0]} pixels"
+    grey = picture.astype(np.float32) * np.float32(255 / np.iinfo(picture.dtype).max)
+    return Fused(picture=grey, cpu_seconds=_seconds_of_children() - begin)
+
+
+def _seconds_of_children() -> float:
+    """Return the processor time of all child processes that have ended."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 def _even(luma: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
