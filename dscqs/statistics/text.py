@@ -42,7 +42,7 @@ def _lines(analysis: Analysis) -> Iterator[str]:
         people = voters(display)
         if people < FEWEST_ASSESSORS:
             yield (
-                f"informal: {people} assessors on {display.display!r}, "
+                f"informal: {people} assessor{'s' * (people != 1)} on {display.display!r}, "
                 f"fewer than {FEWEST_ASSESSORS} (ITU-R BT.500)"
             )
 

@@ -39,7 +39,9 @@ def _look(page: Page, name: str) -> None:
     found = Axe().run(page, options={"resultTypes": ["violations"]})
     assert found.violations_count == 0, found.generate_report()
     if os.environ.get("DEPTHSR_SCREENSHOTS"):
-        page.screenshot(path=Path(os.environ["DEPTHSR_SCREENSHOTS"]) / f"{name}.png")
+        page.screenshot(
+            path=Path(os.environ["DEPTHSR_SCREENSHOTS"]) / f"{name}.png", full_page=True
+        )
 
 
 def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http, operator):
