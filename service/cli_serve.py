@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import sys
 import uuid
@@ -114,6 +115,8 @@ def _run_serve(arguments: argparse.Namespace) -> int:
 
     config = _loaded(arguments).config
     configure(config.log_level)
+    for sentence in config.open_doors():
+        logging.getLogger(__name__).warning(sentence)
     serve(create_app(config), config, say=say)
     return EXIT_DONE
 
@@ -201,10 +204,13 @@ def _succeeds(client: Client, job_id: str, watch: bool) -> bool:
 
 
 def _fetch_video(client: Client, job_id: str, target: Path) -> None:
-    for result in client.results(job_id):
-        if result.media_type.startswith("video/"):
-            client.download(result, target)
-            _say_written(target)
+    """Fetch the video; each of several, as of all views, under a name that ends as its own does."""
+    videos = [item for item in client.results(job_id) if item.media_type.startswith("video/")]
+    for result in videos:
+        own_end = result.name.partition(".")[2]
+        file = target if len(videos) == 1 else target.with_name(f"{target.stem}.{own_end}")
+        client.download(result, file)
+        _say_written(file)
 
 
 def _say_written(target: Path) -> None:

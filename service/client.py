@@ -162,13 +162,13 @@ class Client:
                             said = json.loads(line[6:])
                             lost, after = None, said["sequence"]
                             yield RemoteEvent(sequence=after, kind=said["kind"], data=said["data"])
-                if self.job(job_id).is_final:
+                if _job(_taken(self._http.get(f"/api/v1/jobs/{job_id}")).json()).is_final:
                     return
             except httpx.TransportError as error:
                 lost = lost or time.monotonic()
                 if time.monotonic() - lost > patience:
                     raise ServiceError(f"{self._http.base_url}: is not there: {error}") from error
-                time.sleep(0.5)
+            time.sleep(0.5)
 
     def results(self, job_id: str) -> list[RemoteResult]:
         """Return the files of a finished job."""
@@ -203,9 +203,7 @@ class Client:
             answer = self._http.request(method, where, **options)
         except httpx.TransportError as error:
             raise ServiceError(f"{self._http.base_url}: is not there: {error}") from error
-        if answer.is_error:
-            raise _refused(answer)
-        return answer
+        return _taken(answer)
 
 
 def scene_files(scene: Path) -> dict[str, Path]:
@@ -218,6 +216,13 @@ def scene_files(scene: Path) -> dict[str, Path]:
         for path in sorted(folder.rglob("*"))
         if path.is_file() and not any(p.startswith(".") for p in path.relative_to(folder).parts)
     }
+
+
+def _taken(answer: httpx.Response) -> httpx.Response:
+    """Return an answer that is no problem."""
+    if answer.is_error:
+        raise _refused(answer)
+    return answer
 
 
 def _keyed(key: str | None) -> dict[str, str]:

@@ -18,7 +18,13 @@ from typing import Any
 
 from pipeline.config import option_name, setting
 from pipeline.errors import ConfigurationError
-from service.bus.config import DEFAULT_ENDPOINT, MODES, BusConfig
+from service.bus.config import (
+    DEFAULT_ENDPOINT,
+    MODES,
+    BusConfig,
+    is_loopback,
+    is_open_to_others,
+)
 from service.bus.rules import Rights, parse_rights
 
 MIB = 1 << 20
@@ -113,6 +119,20 @@ class ServiceConfig:
             raise ConfigurationError(f"--zenoh: must be one of {', '.join(MODES)}")
         if self.zenoh != "off":
             self.bus()  # are its settings possible?
+
+    def open_doors(self) -> tuple[str, ...]:
+        """Return a sentence for each door that other machines reach and that asks for nothing."""
+        said = []
+        if self.token_file is None and not is_loopback(self.host):
+            said.append(f"--host {self.host}: whoever reaches it may do all; use --token-file")
+        if self.zenoh in ("router", "peer") and self.zenoh_users is None:
+            said += [
+                f"--zenoh-listen {endpoint}: whoever reaches it may publish and watch; "
+                "use --zenoh-users, or tls/ with --zenoh-mutual-tls"
+                for endpoint in self.zenoh_listen
+                if is_open_to_others(endpoint) and not self.zenoh_mutual_tls
+            ]
+        return tuple(said)
 
     def bus(self) -> BusConfig:
         """Return how the bus of streams is reached.

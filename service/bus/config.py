@@ -40,6 +40,7 @@ class BusConfig:
         if self.mode == "client" and not self.connect:
             raise ConfigurationError("a zenoh client needs an endpoint to connect to")
         self._check_rights()
+        self._check_tls()
         for path in (self.ca, self.certificate, self.key, self.users_file):
             if path is not None and not path.is_file():
                 raise ConfigurationError(f"{path}: there is no such file")
@@ -54,6 +55,21 @@ class BusConfig:
             )
         if self.users_file is None and not self.mutual_tls:
             raise ConfigurationError("access rules need names: passwords, or mutual TLS")
+
+    def _check_tls(self) -> None:
+        """Refuse TLS that could not be spoken, and mutual TLS that others could walk around."""
+        ours = [endpoint for endpoint in self.listen if speaks_tls(endpoint)]
+        if ours and self.certificate is None:
+            raise ConfigurationError(f"{ours[0]}: needs a certificate and its key")
+        if not self.mutual_tls or self.mode == "client":
+            return
+        plain = [item for item in self.listen if is_open_to_others(item) and item not in ours]
+        if self.ca is None or not ours or plain:
+            raise ConfigurationError(
+                "mutual TLS needs the certificate of an authority, an endpoint of TLS (tls/ or "
+                f"quic/), and no other one that other machines reach{': ' * bool(plain)}"
+                f"{', '.join(plain)}"
+            )
 
 
 def check_endpoint(endpoint: str) -> None:
@@ -77,7 +93,22 @@ def is_open_to_others(endpoint: str) -> bool:
     (False, True)
     """
     kind, _, address = endpoint.partition("/")
-    if kind == "unixsock-stream":
-        return False
-    host = address.rpartition(":")[0].strip("[]")
-    return not (host == "localhost" or host == "::1" or host.startswith("127."))
+    return kind != "unixsock-stream" and not is_loopback(address.rpartition(":")[0].strip("[]"))
+
+
+def is_loopback(host: str) -> bool:
+    """Tell whether only this machine reaches what listens there.
+
+    >>> is_loopback("127.0.0.1"), is_loopback("0.0.0.0"), is_loopback("")
+    (True, False, False)
+    """
+    return host in ("localhost", "::1") or host.startswith("127.")
+
+
+def speaks_tls(endpoint: str) -> bool:
+    """Tell whether an endpoint is encrypted.
+
+    >>> speaks_tls("tls/camera.example:7447"), speaks_tls("tcp/127.0.0.1:7447")
+    (True, False)
+    """
+    return endpoint.startswith(("tls/", "quic/"))

@@ -43,3 +43,43 @@ def test_the_command_prints_them(capsys):
     assert main(["settings", "--port", "9"]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["port", "9", "flag", "--port"] in rows
+
+
+TLS = {"zenoh_certificate": "server.pem", "zenoh_key": "server.key", "zenoh_ca": "ca.pem"}
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        ({"zenoh_listen": "tls/0.0.0.0:1"}, "needs a certificate"),
+        ({"zenoh_mutual_tls": True}, "an endpoint of TLS"),
+        ({"zenoh_mutual_tls": True, "zenoh_listen": "tls/0.0.0.0:1,tcp/0.0.0.0:2", **TLS},
+         "other machines reach: tcp/0.0.0.0:2"),
+        ({"zenoh_mutual_tls": True, "zenoh_listen": "tls/0.0.0.0:1", **TLS, "zenoh_ca": None},
+         "certificate of an authority"),
+    ],
+)  # fmt: skip
+def test_tls_that_would_guard_nothing_is_refused(tmp_path, monkeypatch, flags, said):
+    monkeypatch.chdir(tmp_path)
+    for name in TLS.values():
+        (tmp_path / name).touch()
+    with pytest.raises(ConfigurationError, match=said):
+        load_config(flags=flags)
+
+
+def test_doors_that_ask_for_nothing_are_told(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("tokens", "users", *TLS.values()):
+        (tmp_path / name).touch()
+
+    def doors(**flags):
+        return load_config(flags=flags).config.open_doors()
+
+    assert doors() == ()
+    open_to_all = {"host": "0.0.0.0", "zenoh_listen": "tcp/127.0.0.1:1,tcp/[::]:2"}
+    first, second = doors(**open_to_all)
+    assert "--token-file" in first
+    assert "tcp/[::]:2" in second
+    assert doors(**open_to_all, token_file="tokens", zenoh_users="users") == ()
+    assert doors(zenoh_mutual_tls=True, zenoh_listen="tls/0.0.0.0:1", **TLS) == ()
+    assert doors(host="::1", zenoh="off", zenoh_listen="tcp/0.0.0.0:1") == ()

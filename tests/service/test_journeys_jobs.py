@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
@@ -18,6 +19,7 @@ import pytest
 
 from service.client import Client, ServiceError
 from tests.support.needed import small_disk
+from tests.support.ports import free_port
 from tests.support.waiting import PATIENCE
 
 KILLS = 20
@@ -29,6 +31,11 @@ def _run(*words: str) -> subprocess.CompletedProcess[str]:
         [sys.executable, "-m", "service", *words],
         capture_output=True, text=True, timeout=PATIENCE, check=False,
     )  # fmt: skip
+
+
+def _later(work, *what, **more):
+    time.sleep(1)  # nobody is there meanwhile
+    return work(*what, **more)
 
 
 def _digest(path: Path) -> str:
@@ -55,6 +62,16 @@ def test_submit_watches_and_fetches_what_run_would_have_made(
     assert done.returncode == 0, done.stderr
     assert "frame 6 of 6" in done.stderr
     assert _digest(target) == undisturbed
+
+
+def test_submit_fetches_every_view_under_its_name(live_service, tiny_scene, tmp_path):
+    done = _run(
+        "submit", str(tiny_scene), "--server", live_service.url, "--frames", ":1",
+        "--layout", "views", "-o", str(tmp_path / "out.mkv"),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = sorted(path.name for path in tmp_path.iterdir())
+    assert found == [f"out.cam{number}.mkv" for number in range(3)]
 
 
 def test_submit_says_in_one_line_what_went_wrong(live_service, tmp_path):
@@ -154,6 +171,23 @@ def test_it_ends_in_time_with_a_stream_open(make_service, tiny_scene):
             assert service.end() in (0, -signal.SIGTERM)
             assert time.monotonic() - begin < 10
             list(lines)
+
+
+def test_who_follows_a_job_waits_for_a_service_that_is_started_anew(make_service, tiny_scene):
+    options = ("--roots", str(tiny_scene.parent), "--port", str(free_port()))
+    service = make_service(*options)
+    kinds = []
+    with Client(service.url) as client, ThreadPoolExecutor() as beside:
+        job = client.submit({"scene": "tiny", **SEGMENT})
+        begun_anew = None
+        for event in client.events(job.id):
+            kinds.append(event.kind)
+            if event.kind == "JobStarted" and begun_anew is None:
+                assert service.end() in (0, -signal.SIGTERM)  # its streams end in good order
+                begun_anew = beside.submit(_later, make_service, *options, data=service.data)
+        begun_anew.result()
+    assert kinds.count("running") == 2
+    assert kinds[-1] == "succeeded"
 
 
 def test_a_full_disk_fails_the_job_and_the_service_lives(make_service, tiny_scene, tmp_path):
