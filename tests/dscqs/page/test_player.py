@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 PERIOD = 16
-PLAY = """async ({timing, clip, times}) => {
+PLAY = """async ({timing, clip, times, captions}) => {
   const {play} = await import("/player.js");
   const waiting = [];
   const drawn = [];
@@ -20,9 +20,9 @@ PLAY = """async ({timing, clip, times}) => {
     },
   });
   const done = play({
-    presentation: {timing, captions: false, grey: 128},
+    presentation: {timing, captions, grey: 128},
     sides: {A: side("A"), B: side("B")},
-    letters: {},
+    letters: {A: "letter A", B: "letter B"},
     screen: {
       needsScreen: true, isRedrawn: false,
       draw: (source) => drawn.push(source), requestFrame: (callback) => waiting.push(callback),
@@ -37,12 +37,19 @@ TIMING = {"show_s": 0.16, "grey_s": 0.08, "showings": 1, "tolerance_s": 0.02}
 STILL, CLIP = {"count": 1}, {"count": 10, "frameMs": PERIOD}
 
 
-def play(tab: Any, clip: dict[str, Any], *missed: tuple[int, int], **timing: float) -> Any:
+def play(
+    tab: Any,
+    clip: dict[str, Any],
+    *missed: tuple[int, int],
+    captions: bool = False,
+    **timing: float,
+) -> Any:
     """Play grey, A, grey, B (80, 160, 80, 160 ms); `missed` are refresh and how many more pass."""
     times = list(range(0, 1000, PERIOD))
     for refresh, count in missed:
         times = [time + (PERIOD * count if time >= refresh * PERIOD else 0) for time in times]
-    return tab.evaluate(PLAY, {"timing": {**TIMING, **timing}, "clip": clip, "times": times})
+    asked = {"timing": {**TIMING, **timing}, "clip": clip, "times": times, "captions": captions}
+    return tab.evaluate(PLAY, asked)
 
 
 @pytest.mark.parametrize(("clip", "frames"), [(STILL, 1), (CLIP, 10)])
@@ -55,6 +62,12 @@ def test_what_goes_as_planned_has_no_fault(tab: Any, clip, frames):
     ]  # fmt: skip
     assert [one["frames"] for one in log["intervals"]] == [1, frames, 1, frames]
     assert played["drawn"] == [f"{side}{index}" for side in "AB" for index in range(frames)]
+
+
+def test_letters_lie_on_the_grey_before_each_side(tab: Any):
+    played = play(tab, STILL, captions=True, showings=2)
+    assert played["log"]["faults"] == []
+    assert played["drawn"] == ["letter A", "A0", "letter B", "B0"] * 2
 
 
 def test_a_refresh_missed_within_a_still_is_counted_and_does_no_harm(tab: Any):

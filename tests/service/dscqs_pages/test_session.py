@@ -83,7 +83,7 @@ def test_a_whole_session(enter, make_test, operator, plan):
 
 
 def test_what_the_page_says_of_time_is_what_was_drawn(enter, make_test, operator, plan):
-    test = make_test({**plan, "timing": {**TIMING, "show_s": 0.7, "showings": 2}})
+    test = make_test({**plan, "grey": 74, "timing": {**TIMING, "show_s": 0.7, "showings": 2}})
     seat = enter(test)
     seat.come_to_vote()
     shown = logs_of(operator, test)[-1]
@@ -94,6 +94,7 @@ def test_what_the_page_says_of_time_is_what_was_drawn(enter, make_test, operator
     assert [item["planned_ms"] for item in log["intervals"]] == [300, 700] * 4
     drawn = [item["at"] for item in seat.drawn[0]]
     assert len(drawn) == len(log["intervals"])
+    assert [item["rgb"] for item in seat.drawn[0] if not item["stereo"]] == [[74] * 3] * 4
     period = 1000 / log["refresh_hz"]
     for index, item in enumerate(log["intervals"]):
         following = log["intervals"][index + 1 : index + 2]
