@@ -31,6 +31,7 @@ def state_view(live: Live, group: Group | None = None) -> dict[str, Any]:
         "display": live.record.display,
         "dimensions": list(plan.dimensions),
         "variant": plan.variant,
+        "showings": plan.timing.showings,
         "role": live.record.role,
     }
     if state.step.stage is Stage.BREAK:

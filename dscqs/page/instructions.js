@@ -2,11 +2,14 @@
 
 import { button, el, show } from "./dom.js";
 import { makeScales } from "./scales.js";
+import { fill } from "./texts.js";
 
 /** Show the instructions; resolves with the next state. */
 export function instructions({ api, main, texts, stage }, state) {
   const words = texts.instructions;
-  const steps = state.variant === "I" ? words.stepsFree : words.steps;
+  const { once, twice, often } = words.shown;
+  const shown = { 1: once, 2: twice }[state.showings] ?? fill(often, { times: state.showings });
+  const steps = state.variant === "I" ? words.stepsFree : [shown, ...words.steps];
   const { element } = makeScales({
     dimensions: state.dimensions.slice(0, 1),
     words: texts,

@@ -56,7 +56,7 @@ function copyOf(original) {
     } else if (element instanceof HTMLCanvasElement && element.width && element.height) {
       made.getContext("2d").drawImage(element, 0, 0);
     }
-    if (element === document.activeElement) made.classList.add("focused");
+    if (element.matches(":focus-visible")) made.classList.add("focused");
   });
   return copy;
 }

@@ -105,6 +105,7 @@ class State(BaseModel):
     display: str
     dimensions: list[str]
     variant: str
+    showings: int
     role: str
 
 

@@ -52,8 +52,12 @@ export default {
     title: "Willkommen",
     intro:
       "Sie sehen Bilder paarweise, A und B, und sagen, wie gut jedes der beiden für Sie aussieht. Es gibt keine richtigen oder falschen Antworten; uns interessiert Ihr eigener Eindruck.",
+    shown: {
+      once: "Von jedem Paar sehen Sie A, dann B, mit Grau dazwischen.",
+      twice: "Von jedem Paar sehen Sie A, dann B, dann beide noch einmal, mit Grau dazwischen.",
+      often: "Von jedem Paar sehen Sie A, dann B, insgesamt {times}-mal, mit Grau dazwischen.",
+    },
     steps: [
-      "Von jedem Paar sehen Sie A, dann B, dann beide noch einmal, mit Grau dazwischen.",
       "Danach bewerten Sie jedes der beiden auf einer eigenen Linie, oben das Beste, unten das Schlechteste.",
       "Bewerten Sie, was Sie gesehen haben, nicht, was das Bild darstellt.",
       "Sie können jederzeit aufhören, ohne Gründe zu nennen.",

@@ -50,8 +50,12 @@ export default {
     title: "Welcome",
     intro:
       "You will see pictures in pairs, A and B, and tell how good each of them looks to you. There are no right or wrong answers; your own impression is what we ask for.",
+    shown: {
+      once: "Each pair is shown as A, then B, with grey between.",
+      twice: "Each pair is shown as A, then B, then both again, with grey between.",
+      often: "Each pair is shown as A, then B, {times} times in all, with grey between.",
+    },
     steps: [
-      "Each pair is shown as A, then B, then both again, with grey between.",
       "Then you mark each of the two on a line of its own, from best at the top to worst at the bottom.",
       "Grade what you saw, not what you think the picture shows.",
       "You may stop at any time, and need not say why.",

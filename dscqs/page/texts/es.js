@@ -51,8 +51,12 @@ export default {
     title: "Bienvenido",
     intro:
       "Verá imágenes por pares, A y B, y dirá lo buena que le parece cada una. No hay respuestas correctas ni incorrectas; nos interesa su propia impresión.",
+    shown: {
+      once: "Cada par se muestra así: A, luego B, con gris entre ellas.",
+      twice: "Cada par se muestra así: A, luego B, luego ambas otra vez, con gris entre ellas.",
+      often: "Cada par se muestra así: A, luego B, {times} veces en total, con gris entre ellas.",
+    },
     steps: [
-      "Cada par se muestra así: A, luego B, luego ambas otra vez, con gris entre ellas.",
       "Después marca cada una en su propia línea, de la mejor arriba a la peor abajo.",
       "Puntúe lo que ha visto, no lo que la imagen representa.",
       "Puede parar en cualquier momento, sin decir por qué.",

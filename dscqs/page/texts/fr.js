@@ -52,8 +52,12 @@ export default {
     title: "Bienvenue",
     intro:
       "Vous verrez des images par paires, A et B, et direz à quel point chacune vous paraît bonne. Il n’y a ni bonnes ni mauvaises réponses ; c’est votre propre impression qui compte.",
+    shown: {
+      once: "Chaque paire est montrée ainsi : A, puis B, avec du gris entre elles.",
+      twice: "Chaque paire est montrée ainsi : A, puis B, puis de nouveau les deux, avec du gris entre elles.",
+      often: "Chaque paire est montrée ainsi : A, puis B, {times} fois en tout, avec du gris entre elles.",
+    },
     steps: [
-      "Chaque paire est montrée ainsi : A, puis B, puis de nouveau les deux, avec du gris entre elles.",
       "Ensuite, vous notez chacune sur sa propre ligne, du meilleur en haut au plus mauvais en bas.",
       "Notez ce que vous avez vu, non le sujet de l’image.",
       "Vous pouvez arrêter à tout moment, sans dire pourquoi.",

@@ -45,8 +45,12 @@ export default {
     title: "Hoş geldiniz",
     intro:
       "Çiftler hâlinde görüntüler göreceksiniz, A ve B; her birinin size ne kadar iyi göründüğünü belirteceksiniz. Doğru ya da yanlış yanıt yoktur; sizin izleniminizi soruyoruz.",
+    shown: {
+      once: "Her çift şöyle gösterilir: A, sonra B; aralarında gri ekran vardır.",
+      twice: "Her çift şöyle gösterilir: A, sonra B, sonra ikisi bir kez daha; aralarında gri ekran vardır.",
+      often: "Her çift şöyle gösterilir: A, sonra B, toplam {times} kez; aralarında gri ekran vardır.",
+    },
     steps: [
-      "Her çift şöyle gösterilir: A, sonra B, sonra ikisi bir kez daha; aralarında gri ekran vardır.",
       "Sonra her birini kendi çizgisinde işaretlersiniz: en iyi üstte, en kötü altta.",
       "Görüntünün konusunu değil, gördüğünüzü puanlayın.",
       "İstediğiniz an, neden göstermeden bırakabilirsiniz.",

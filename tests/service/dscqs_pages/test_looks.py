@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dscqs.displays import profile_from_dict
-from tests.service.dscqs_pages.conftest import HEIGHT, PROFILE, WIDTH
+from tests.service.dscqs_pages.conftest import HEIGHT, PROFILE, TIMING, WIDTH
 from tests.service.dscqs_pages.test_session import given, logs_of, sides_of, votes_of
 from tests.support.accessibility import problems
 
@@ -75,7 +75,10 @@ def test_pages_around_a_session(make_tab, desk, make_test, operator, served, pla
 @pytest.mark.parametrize("language", ["en", "ja"])
 def test_pages_of_a_session(enter, make_test, plan, language):
     stages = ["instructions", "screening", "stereo_acuity", "fatigue_before"]
-    test = make_test({**plan, "stages": stages, "dimensions": ["quality", "comfort"]})
+    timing = {**TIMING, "showings": 3, "show_s": 0.2, "grey_s": 0.2}
+    test = make_test({
+        **plan, "stages": stages, "dimensions": ["quality", "comfort"], "timing": timing,
+    })  # fmt: skip
     seat = enter(test, language=language)
     found: dict[str, list[str]] = {}
     for name, act in (
@@ -87,6 +90,8 @@ def test_pages_of_a_session(enter, make_test, plan, language):
         if name == "screening":  # with both of its drawn questions
             for part in ("acuity", "colour"):
                 seat.page.locator(f"label:has(input[name={part}])").nth(1).click()
+        if name == "instructions":
+            assert "3" in seat.page.locator("main li").first.inner_text()
         found[name] = problems(seat.page)
         assert seat.page.evaluate("document.documentElement.lang") == language
         if act is not None:
@@ -238,3 +243,8 @@ def test_both_eyes_read_the_same_page_at_the_same_place(
     original, copy = places
     assert len(original) > 10
     np.testing.assert_allclose(np.array(copy) - original, len(copy) * [[640, 0, 0, 0]], atol=0.02)
+    assert seat.page.locator(".copy .focused").count() == 1
+    seat.grade(1, 40)  # by the mouse, which draws no ring: neither eye may see one
+    seat.page.wait_for_selector(".copy .scale:nth-child(2) .handle:visible >> nth=1")
+    rings = seat.page.locator("#page :focus-visible, .copy .focused")
+    assert rings.count() == 0
