@@ -95,9 +95,11 @@ def create_app(config: ServiceConfig) -> FastAPI:
             app.state.metrics.watch_streams(live)
             await asyncio.to_thread(scheduler.start)
             await asyncio.to_thread(live.start)
+            sweeping = asyncio.create_task(uploads.keep_swept(store))
             try:
                 yield
             finally:
+                sweeping.cancel()
                 app.state.notices.stop()
                 app.state.broadcasts.stop()
                 await asyncio.gather(

@@ -11,6 +11,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.config import MIB, ServiceConfig
+from service.http import uploads
 from service.http.problems import ProblemError, answer
 
 log = logging.getLogger("service.access")
@@ -28,6 +29,9 @@ SECURITY_HEADERS = {
     "media-src 'self' blob:; worker-src 'self' blob:; style-src 'self' 'unsafe-inline'; "
     "object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'",
 }
+PROTOCOL_HEADERS = {uploads.router.prefix: {"Tus-Resumable": uploads.VERSION}}
+"""What every answer under an address has, problems too."""
+
 PRIVATE = ("/api/", "/dscqs/api/")
 """Answers under these are never kept by a cache."""
 
@@ -82,6 +86,9 @@ class Guards:
                 made = MutableHeaders(scope=message)
                 for name, value in SECURITY_HEADERS.items():
                     made.setdefault(name, value)
+                for place, headers_there in PROTOCOL_HEADERS.items():
+                    if scope["path"].startswith(place):
+                        made.update(headers_there)
                 if scope["path"].startswith(PRIVATE):
                     made.setdefault("Cache-Control", "no-store")
                 metrics.seconds.observe(time.perf_counter() - begin)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import threading
@@ -16,11 +17,14 @@ from service.http.auth import Client
 from service.http.problems import ProblemError
 
 REMEMBER = 10.0
-"""A measured size is believed for this long, seconds."""
+"""After so many seconds sizes are measured anew, beside the requests."""
+
+TOO_OLD = 30.0
+"""Sizes older than this are not believed: who asks waits for new ones, seconds."""
 
 _known: dict[Path, tuple[float, Mapping[str, int]]] = {}
 _measuring: set[Path] = set()
-_lock = threading.Lock()
+_news = threading.Condition()
 
 
 def check_queue(state: Any, client: Client) -> None:
@@ -67,29 +71,32 @@ def folder_size(folder: Path) -> int:
 def _sizes(folder: Path) -> Mapping[str, int]:
     """Return the bytes of each job and upload by id, and of all else under "".
 
-    Only the first caller waits for the measurement; later ones are made beside the requests,
-    which thousands of jobs' files would hold up.
+    They are measured beside the requests, which thousands of jobs' files would hold up; only who
+    comes first, or after a long silence, waits for it.
     """
-    with _lock:
-        if folder not in _known:
-            _known[folder] = (time.monotonic(), _measured(folder))
-        measured, sizes = _known[folder]
-        if time.monotonic() - measured > REMEMBER and folder not in _measuring:
+    with _news:
+        measured, sizes = _known.get(folder, (-math.inf, {}))
+        age = time.monotonic() - measured
+        if age > REMEMBER and folder not in _measuring:
             _measuring.add(folder)
             threading.Thread(
                 target=_measure, args=(folder,), name="depthsr-quota", daemon=True
             ).start()
+        if age > TOO_OLD:
+            _news.wait_for(lambda: folder not in _measuring)
+            _, sizes = _known.get(folder, (age, sizes))
         return sizes
 
 
 def _measure(folder: Path) -> None:
     try:
         sizes = _measured(folder)
-        with _lock:
+        with _news:
             _known[folder] = (time.monotonic(), sizes)
     finally:
-        with _lock:
+        with _news:
             _measuring.discard(folder)
+            _news.notify_all()
 
 
 def _measured(folder: Path) -> Mapping[str, int]:

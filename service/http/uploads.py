@@ -1,4 +1,4 @@
-"""Resumable uploads: tus 1.0 with creation, termination and expiry by a sweep.
+"""Resumable uploads: tus 1.0 with creation and termination; old ones are swept.
 
 A file lies in ``uploads/<id>`` of the data folder; its size is its offset, so that a torn
 write or a kill loses nothing that the client would not send again.
@@ -9,8 +9,10 @@ from __future__ import annotations
 import asyncio
 import base64
 import binascii
+import logging
 import os
 import shutil
+import sqlite3
 import threading
 import time
 from pathlib import Path
@@ -27,12 +29,17 @@ from service.http.quota import check_space
 from service.jobs.request import safe_name
 from service.store import Store, UploadRecord
 
+log = logging.getLogger(__name__)
+
 router = APIRouter(prefix="/api/v1/uploads", tags=["uploads"])
 
 VERSION = "1.0.0"
 EXTENSIONS = "creation,termination"
 KEEP_SECONDS = 7 * 86400
-"""Unfinished business is swept after this."""
+"""Uploads are kept so long."""
+
+SWEEP_SECONDS = 3600.0
+"""From one look for old ones to the next."""
 
 _busy: set[str] = set()
 _busy_lock = threading.Lock()
@@ -68,8 +75,18 @@ def path_of(data: Path, upload_id: str) -> Path:
     return data / "uploads" / upload_id
 
 
+async def keep_swept(store: Store) -> None:
+    """Sweep now and again, until cancelled."""
+    while True:
+        await asyncio.sleep(SWEEP_SECONDS)
+        try:
+            await asyncio.to_thread(sweep, store)
+        except (OSError, sqlite3.Error) as error:
+            log.warning("old uploads could not be swept: %s", error)
+
+
 def sweep(store: Store) -> None:
-    """Remove files without a row, and rows that are old or without a file."""
+    """Remove files without a row, and uploads that are old."""
     folder = store.folder / "uploads"
     folder.mkdir(exist_ok=True)
     for path in folder.iterdir():
@@ -182,7 +199,7 @@ async def append(
         at = path.stat().st_size
         if at != begin:
             raise ProblemError("conflict", f"the upload is at {at}, not at {begin}")
-        check_space(request.app.state, client, record.length - at)
+        await asyncio.to_thread(check_space, request.app.state, client, record.length - at)
         with path.open("ab") as file:
             try:
                 async for chunk in request.stream():

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from service.config import ServiceConfig
+from service.http import quota
 from service.http.auth import Client
 from service.http.problems import ProblemError
 from service.http.quota import check_queue, check_space, folder_size
@@ -44,6 +45,17 @@ def test_a_client_has_its_share_of_the_disk_and_no_more(state):
     assert refused.value.kind == "disk-full"
     check_space(state, BOB, 924 * KIB)
     assert folder_size(data) >= 1000 * KIB
+
+
+def test_after_a_silence_sizes_are_measured_before_they_are_believed(state, monkeypatch):
+    upload = state.store.create_upload("anna", "a.png", 900 * KIB)
+    check_space(state, ANNA, 900 * KIB)
+    _write(state.config.data / "uploads" / upload.id, 900 * KIB)
+    check_space(state, ANNA, 900 * KIB)  # as of a few seconds ago
+    monkeypatch.setattr(quota, "REMEMBER", 0.0)
+    monkeypatch.setattr(quota, "TOO_OLD", 0.0)
+    with pytest.raises(ProblemError, match="your quota"):
+        check_space(state, ANNA, 900 * KIB)
 
 
 def test_a_client_has_its_share_of_the_queue(state):
