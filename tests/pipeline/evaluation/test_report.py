@@ -157,6 +157,14 @@ def test_the_gallery_works_from_disk(report, browser_page):
         " for (let i = 0; i < d.length; i += 4) if (d[i] !== d[i + 1]) return true;"
         " return false; }"
     )
+    rows = "(left) => [...document.getElementById('canvas').getContext('2d')\
+        .getImageData(left, 400, 638, 1).data]"
+    halves = {}
+    for mode in ("side", "cross"):
+        page.locator("#mode").select_option(mode)
+        halves[mode] = [page.evaluate(rows, left) for left in (0, 642)]
+    assert halves["side"][0] != halves["side"][1]
+    assert halves["cross"] == halves["side"][::-1]  # each eye's picture before the other eye
     page.locator("#canvas").focus()
     page.keyboard.press("ArrowRight")
     assert troubles == []
