@@ -39,7 +39,7 @@ async function send(name, file, signal, onSent) {
     } catch (error) {
       failures += 1;
       if (signal.aborted || failures > TRIES || (error instanceof Problem && error.status < 500 &&
-          ![409, 429].includes(error.status))) throw error;
+          ![408, 409, 429].includes(error.status))) throw error;
       await new Promise((go) => setTimeout(go, Math.min(10, 0.5 * 2 ** failures) * 1000));
       at = await offset(place, signal).catch(() => at);
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import threading
 import time
 
@@ -237,7 +238,32 @@ def test_a_job_plays_while_it_runs(chromium, make_service, tiny_scene, job):
     assert begun > 0
 
 
-def test_files_dropped_become_a_job_with_downloads(chromium, live_service, tiny_scene, tmp_path):
+def test_files_that_are_dropped_become_a_job(chromium, live_service, tiny_scene):
+    views = [{"id": name, "color": f"{name}.png"} for name in ("left", "right")]
+    manifest = json.dumps({"format": "depthsr-scene/1", "views": views})
+    files = {"scene.json": manifest.encode()}
+    for name, view in (("left", "cam0"), ("right", "cam1")):
+        files[f"{name}.png"] = (tiny_scene / view / "color-0000.png").read_bytes()
+    with opened(chromium, live_service.url) as page:
+        held = page.evaluate_handle(
+            """files => {
+              const held = new DataTransfer();
+              for (const [name, bytes] of Object.entries(files)) {
+                held.items.add(new File([Uint8Array.from(bytes)], name));
+              }
+              return held;
+            }""",
+            {name: list(data) for name, data in files.items()},
+        )
+        page.dispatch_event("#drop", "dragover", {"dataTransfer": held})
+        page.dispatch_event("#drop", "drop", {"dataTransfer": held})
+        page.wait_for_url("**/jobs/*")
+        made = page.url.rpartition("/")[2]
+    asked = httpx.get(f"{live_service.url}/api/v1/jobs/{made}", timeout=60).json()["request"]
+    assert set(asked["uploads"]) == set(files)
+
+
+def test_a_folder_chosen_becomes_a_job_with_downloads(chromium, live_service, tiny_scene, tmp_path):
     folder = tmp_path / "small"
     folder.mkdir()
     for name in ("cam0", "cam1", "cam2"):
