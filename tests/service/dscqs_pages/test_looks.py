@@ -145,6 +145,7 @@ def test_fingers_grade_as_pointers_do(enter, make_test, operator, plan):
     seat.come_to_vote()
     x, y, first = seat.place_of(0, 73)
     seat.page.touchscreen.tap(x, y)
+    seat.page.wait_for_selector(".handle:visible")  # a touch is answered before the page has it
     assert seat.page.locator(".handle:visible").count() == 1
     fingers = seat.page.context.new_cdp_session(seat.page)
     for kind, value in (("Start", 20), ("Move", 40), ("Move", 64), ("End", None)):
