@@ -770,14 +770,13 @@ def _view_report(
     misfit: float,
 ) -> ViewReport:
     has_motion = np.isfinite(view.position[..., 0])
-    trusted = flags == 0
     magnitudes = np.where(
         some_rows(has_motion), some_rows(view.registration_weights), np.float32(np.nan)
     )
     return ViewReport(
         view_id=view.view_id,
-        registered_fraction=float(has_motion.mean()),
-        verified_fraction=float(trusted.mean()),
+        registered_fraction=np.count_nonzero(has_motion) / has_motion.size,
+        verified_fraction=np.count_nonzero(flags == 0) / flags.size,
         weight_fraction=float(weight.mean()),
         rejections=count_rejections(flags),
         median_absolute_weight=median_magnitude(magnitudes),

@@ -39,7 +39,7 @@ def phase_coverage(
             np.float32(grid.magnification_x), np.float32(grid.offset_x),
             np.float32(grid.magnification_y), np.float32(grid.offset_y), filled,
         )  # fmt: skip
-    return float(filled.mean()) if filled.size else 0.0
+    return np.count_nonzero(filled) / filled.size if filled.size else 0.0
 
 
 @njit(**OPTIONS)
