@@ -114,11 +114,16 @@ def test_players_and_probes_of_others_agree(master, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("container", "codec"), [("mp4", "h264"), ("mkv", "h264"), ("webm", "vp9"), ("mkv", "ffv1")]
-)
-def test_grey_ramp_and_colour_bars_survive_within_a_code_value(master, tmp_path, container, codec):
+    ("container", "codec", "quality"),
+    [
+        ("mp4", "h264", None), ("mkv", "h264", None), ("webm", "vp9", None), ("webm", "av1", None),
+        ("mkv", "ffv1", None), ("mp4", "h264", 1), ("webm", "vp9", 1), ("webm", "av1", 1),
+    ],
+)  # fmt: skip
+def test_grey_ramp_and_colour_bars_survive_within_a_code_value(
+    master, tmp_path, container, codec, quality
+):
     path = tmp_path / f"chart.{container}"
-    quality = None if codec == "ffv1" else 1
     export(master, _options(path, layout="sbs", codec=codec, quality=quality))
     seen = _decoded(path, tmp_path).astype(int)
     chart = _chart().astype(int)
