@@ -13,6 +13,7 @@ from typing import Any
 
 from fastapi import APIRouter, FastAPI
 from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
 
 from service.bus.bus import Bus
 from service.bus.config import BusConfig
@@ -58,6 +59,7 @@ ROUTERS: tuple[APIRouter, ...] = (
 
 WITH_NULLS: tuple[Any, ...] = (
     jobs.JobView, jobs.JobPage, streams.StreamView, streams.StreamPage, watch.WatchView,
+    dscqs_operator.Progress,
 )  # fmt: skip
 """Models whose examples have nulls, which FastAPI leaves out of its description."""
 
@@ -141,6 +143,20 @@ def _open_bus(config: BusConfig) -> Bus:
     return ZenohBus(config)
 
 
+def _restore_answers(schema: dict[str, Any]) -> None:
+    """Put the examples of answers back as they were declared, nulls among them."""
+    routes = [route for router in ROUTERS for route in router.routes]
+    for route in routes:
+        if not (isinstance(route, APIRoute) and route.include_in_schema):
+            continue
+        for method in route.methods or ():
+            described = schema["paths"][route.path_format][method.lower()]["responses"]
+            for code, answer in route.responses.items():
+                for kind, item in answer.get("content", {}).items():
+                    declared = {key: item[key] for key in item if key.startswith("example")}
+                    described[str(code)]["content"][kind] |= declared
+
+
 def _declare(app: FastAPI) -> None:
     """Add what FastAPI cannot see to the OpenAPI description: problems and bearer tokens."""
     made = app.openapi
@@ -158,6 +174,7 @@ def _declare(app: FastAPI) -> None:
             components.setdefault("schemas", {})[model.__name__] = made_schema
         for model in WITH_NULLS:
             components["schemas"][model.__name__] |= model.model_config["json_schema_extra"]
+        _restore_answers(schema)
         components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
         if app.state.tokens.are_needed:
             schema["security"] = [{"token": []}]

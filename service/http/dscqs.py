@@ -16,7 +16,11 @@ from fastapi import Path as InPath
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from dscqs.desk import Desk
+from dscqs.displays import DisplayProfile, profile_from_dict
+from dscqs.plan import Timing
 from service.desks import Desks
+from service.http import dscqs_examples as examples
+from service.http.files import BYTES
 from service.http.problems import responses
 
 router = APIRouter(prefix="/dscqs", tags=["subjective tests: assessors"])
@@ -31,7 +35,14 @@ ENTRY = "/dscqs/pages/enter.html#"
 """Before the secret of a link. What follows the # is sent to nobody: the page sends it, when the
 assessor says so, so that programs that look at links ahead use none up."""
 
-Secret = Annotated[str, InPath(max_length=64)]
+Secret = Annotated[
+    str,
+    InPath(
+        max_length=64,
+        description="as `sides` of the presentation says",
+        examples=["ShzQ8_IXqppFVdkEvkXC6TXleCSw5wMR"],
+    ),
+]
 Name = Annotated[str, Field(max_length=64)]
 
 
@@ -44,12 +55,25 @@ class Asked(BaseModel):
 class Entry(Asked):
     """A link that is opened, and a secret by which its browser is known again."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "link": examples.LINK.partition("#")[2],
+                    "browser": "8027f0b37a6d462f8d25ba6acd85bd67",
+                }
+            ]
+        }
+    )
+
     link: Name
     browser: Annotated[str, Field(min_length=16, max_length=64)]
 
 
 class Continue(Asked):
     """Which stage is left."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"stage": "instructions"}]})
 
     stage: Name
 
@@ -66,12 +90,33 @@ Said = Annotated[dict[str, Any], AfterValidator(_small)]
 class Form(Asked):
     """The answers of a form."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "stage": "screening",
+                    "answers": {
+                        "correction": "glasses",
+                        "acuity": {"by": "operator", "decimal": 1.0},
+                        "colour": {"by": "nobody"},
+                    },
+                }
+            ]
+        }
+    )
+
     stage: Name
     answers: Said
 
 
 class HowShown(Asked):
     """How a presentation went."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [{"ticket": examples.TICKET, "outcome": "ok", "log": examples.LOG}]
+        }
+    )
 
     ticket: Name
     outcome: Literal["ok", "failed"]
@@ -81,6 +126,18 @@ class HowShown(Asked):
 class GradesSent(Asked):
     """A vote."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "ticket": examples.TICKET,
+                    "submission": examples.SUBMISSION,
+                    "grades": examples.GRADES,
+                }
+            ]
+        }
+    )
+
     ticket: Name
     submission: Name
     grades: Said
@@ -89,6 +146,10 @@ class GradesSent(Asked):
 class NoteSent(Asked):
     """Something for the audit trail."""
 
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"kind": "display", "detail": {"codes": ["odd-ratio"]}}]}
+    )
+
     kind: Name
     detail: Said = {}
 
@@ -96,7 +157,7 @@ class NoteSent(Asked):
 class State(BaseModel):
     """Where the session stands."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config = ConfigDict(extra="allow", json_schema_extra={"examples": [examples.STATE]})
 
     stage: str
     index: int
@@ -107,6 +168,23 @@ class State(BaseModel):
     variant: str
     showings: int
     role: str
+
+
+class Presentation(BaseModel):
+    """A presentation to show."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [examples.PRESENTATION]})
+
+    ticket: str
+    kind: str
+    layout: str
+    sides: dict[str, str] = Field(description="addresses, each of which works once")
+    variant: str
+    grey: int
+    captions: bool
+    timing: Timing
+    dimensions: list[str]
+    labels: list[str] = Field(description="of the fifths of the scale, best first")
 
 
 class Assessor:
@@ -150,10 +228,16 @@ def state(asking: Asking) -> State:
     return State(**asking.desk.state(asking.session))
 
 
-@router.get("/api/assessor/display", responses=responses(401))
-def display(asking: Asking) -> dict[str, Any]:
+@router.get(
+    "/api/assessor/display",
+    responses={
+        200: {"content": {"application/json": {"example": examples.DISPLAY}}},
+        **responses(401),
+    },
+)
+def display(asking: Asking) -> DisplayProfile:
     """Return the profile of the session's display, as it was when the session was made."""
-    return dict(asking.desk.display(asking.session))
+    return profile_from_dict(asking.desk.display(asking.session))
 
 
 @router.post("/api/assessor/continue", responses=responses(400, 401, 409))
@@ -169,18 +253,27 @@ def fill(asking: Asking, asked: Form) -> State:
 
 
 @router.get("/api/assessor/presentation", responses=responses(401, 409, 500))
-def present(asking: Asking) -> dict[str, Any]:
+def present(asking: Asking) -> Presentation:
     """Give out the presentation to show, under a new ticket; earlier tickets end."""
     view = asking.desk.present(asking.session)
     sides = {side: f"{STIMULUS}{token}" for side, token in view["sides"].items()}
-    return {**view, "sides": sides}
+    return Presentation(**{**view, "sides": sides})
 
 
 @router.get(
     "/api/assessor/stimulus/{token}",
     response_class=Response,
     responses={
-        200: {"content": {"image/png": {}, "video/webm": {}}},
+        200: {
+            "description": "The picture or the clip",
+            "content": {"image/png": BYTES, "video/webm": BYTES},
+            "headers": {
+                "Repr-Digest": {
+                    "schema": {"type": "string"},
+                    "description": "SHA-256 of the bytes (RFC 9530)",
+                }
+            },
+        },
         **responses(401, 410),
     },
 )

@@ -6,11 +6,11 @@ import mimetypes
 from pathlib import Path
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Response
+from fastapi import APIRouter, Response
 from fastapi import Path as InPath
 
 import dscqs
-from service.http.files import send_file
+from service.http.files import TAGGED, Known, send_file
 from service.http.problems import ProblemError, responses
 
 router = APIRouter(prefix="/dscqs", tags=["subjective tests: pages"])
@@ -33,12 +33,23 @@ MEDIA_TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".css": "tex
 @router.get(
     "/pages/{name:path}",
     response_class=Response,
-    responses={200: {"content": {"text/html": {}}}, 304: {"description": "Unchanged"},
-               **responses(404)},
-)  # fmt: skip
+    responses={
+        200: {
+            **TAGGED,
+            "content": {
+                "text/html": {
+                    "schema": {"type": "string"},
+                    "example": (FOLDER / "enter.html").read_text(encoding="utf-8"),
+                }
+            },
+        },
+        304: {"description": "Unchanged"},
+        **responses(404),
+    },
+)
 def page(
-    name: Annotated[str, InPath(max_length=200)],
-    if_none_match: Annotated[str | None, Header()] = None,
+    name: Annotated[str, InPath(max_length=200, examples=["enter.html"])],
+    if_none_match: Known = None,
 ) -> Response:
     """Return a page, or what belongs to one."""
     try:

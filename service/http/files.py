@@ -30,6 +30,9 @@ TAGGED: dict[str, Any] = {
 }
 """Declares that an answer has a tag."""
 
+BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
+"""Declares content that is not text."""
+
 
 def add_heads(router: APIRouter) -> None:
     """Let every address of a router that can be got be asked for its head."""
