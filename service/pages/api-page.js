@@ -4,11 +4,15 @@ import { ask, element, trying } from "./api.js";
 
 const nameOf = (schema) => schema?.$ref?.split("/").at(-1);
 
-/** An example of a body or an answer; undefined where it is of bytes. */
-function exampleOf({ example, examples, schema }, refs) {
-  if (schema?.type === "array") return [exampleOf({ schema: schema.items }, refs)];
+/** The examples of a body or an answer with their names; none where it is of bytes. */
+function examplesOf({ example, examples, schema }, refs) {
+  if (example !== undefined) return [["", example]];
+  if (examples) return Object.entries(examples).map(([name, { value }]) => [`: ${name}`, value]);
+  if (schema?.type === "array") {
+    return examplesOf({ schema: schema.items }, refs).map(([name, value]) => [name, [value]]);
+  }
   const known = refs[nameOf(schema)] ?? schema;
-  return example ?? Object.values(examples ?? {})[0]?.value ?? known?.examples?.[0];
+  return (known?.examples ?? []).slice(0, 1).map((value) => ["", value]);
 }
 
 function shown(title, value) {
@@ -28,10 +32,11 @@ function operationItem(path, method, operation, refs) {
     element("p", {}, operation.description ?? operation.summary ?? ""));
   for (const [type, item] of Object.entries(body)) {
     const name = nameOf(item.schema);
-    const example = exampleOf(item, refs);
     details.append(element("p", {}, `Body: ${type} `, name ? element("code", {}, name) : ""));
     if (name) details.append(shown(`Schema of ${name}`, refs[name]));
-    if (example !== undefined) details.append(shown(`Example of ${type}`, example));
+    for (const [title, value] of examplesOf(item, refs)) {
+      details.append(shown(`Example of ${type}${title}`, value));
+    }
   }
   const table = (title, rows) => rows.length && details.append(element("div", { class: "scroll" },
     element("table", {}, element("caption", { class: "soft small" }, title), element("tbody", {}, ...rows))));
@@ -39,8 +44,9 @@ function operationItem(path, method, operation, refs) {
   table("Answers", answers);
   for (const [status, { content }] of Object.entries(operation.responses)) {
     for (const [type, item] of Object.entries(status < "3" ? content ?? {} : {})) {
-      const example = exampleOf(item, refs);
-      if (example !== undefined) details.append(shown(`Example of ${status}, ${type}`, example));
+      for (const [title, value] of examplesOf(item, refs)) {
+        details.append(shown(`Example of ${status}, ${type}${title}`, value));
+      }
     }
   }
   return details;

@@ -347,6 +347,19 @@ def test_pages_are_for_everybody(chromium, live_service, job, where):
         assert widths[0] <= widths[1]
 
 
+def test_the_interface_is_shown_with_every_example(chromium, live_service):
+    with opened(chromium, f"{live_service.url}/api/docs") as page:
+        export = "GET /dscqs/api/operator/tests/{test}/export"
+        panel = page.locator("details.panel").filter(has_text=export)
+        panel.locator("summary").first.click()
+        titles = panel.locator("summary", has_text="Example of").all_inner_texts()
+        assert titles == [
+            "Example of 200, text/csv",
+            "Example of 200, application/json: json",
+            "Example of 200, application/json: sureal",
+        ]
+
+
 def test_pages_run_nothing_inline_and_nothing_foreign(live_service):
     with httpx.Client(base_url=live_service.url, timeout=60) as api:
         for where in PAGES:
