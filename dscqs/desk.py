@@ -129,9 +129,17 @@ class Desk:
 
         Raises
         ------
+        PlanError
+            If a display has no profile.
         StimulusError
             If a stimulus is missing, damaged, or unlike the others of its content.
         """
+        known = self.displays.all()
+        for display in plan.displays:
+            if display not in known:
+                raise PlanError(
+                    f"displays: {display!r} is none of {', '.join(known)}; store its profile first"
+                )
         files = self.shelf.take_in(plan, source)
         record = TestRecord(
             id=f"t{secrets.token_hex(6)}", name=plan.name, plan=plan_to_dict(plan), files=files,

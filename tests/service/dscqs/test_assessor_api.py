@@ -295,6 +295,7 @@ def test_a_dry_run_stores_nothing(operator, http, plan):
         ({"folder": "elsewhere"}, "folder"),
         ({"folder": "../.."}, "folder"),
         ({"contents": []}, "contents"),
+        ({"displays": ["polarized"]}, "displays: 'polarized' is none of polarised, "),
         ({"hashes": {"ballet/sr": "0" * 64}}, "ballet/sr"),
         ({"kind": "video"}, "ballet/original"),
     ],
