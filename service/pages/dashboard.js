@@ -84,10 +84,11 @@ function jobItem(job) {
 
 function thumbOf(job) {
   const image = element("img", { class: "thumb", alt: "" });
-  if (job.frames_done > 0 && !job.request.export) {
+  if (job.frames_done > 0) {
+    const pictured = job.request.of ?? job.id; // an export has the picture of its job
     const loading = new Image(); // shown when it is there: the first second may be on its way
     loading.addEventListener("load", () => { image.src = loading.src; });
-    loading.src = `/api/v1/jobs/${job.id}/watch/result/latest.jpg?${job.frames_done}`;
+    loading.src = `/api/v1/jobs/${pictured}/watch/result/latest.jpg?${job.frames_done}`;
   }
   return image;
 }
