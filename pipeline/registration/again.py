@@ -117,21 +117,10 @@ def register_again(
         Frames since the chain began: says which cells are probed now.
     """
     old, parallax, prior = before.motions, before.parallax, before.prior
-    if old is None or parallax is None or prior is None or not isinstance(old.patches, Windows):
+    dirty = stale_patches(source, reference, before, changed, noise, turn)
+    if dirty is None or old is None or parallax is None or prior is None:
         return None
-    patches = old.patches
-    shift = np.column_stack([old.motion[:, [0, 6]]] * 2).round().astype(np.int32)
-    dirty = any_inside(changed[0], patches.cells)
-    dirty |= any_inside(changed[1], patches.cells + shift)
-    dirty = around(patches, dirty, 0)
-    probes = _probes(old, dirty, turn)
-    moved = _probe(source, reference, old, probes, before, noise)
-    if _rig_moved(moved):
-        return None
-    dirty[probes[np.linalg.norm(moved, axis=1) > DRIFTED]] = True
-    dirty = around(patches, dirty, 0)
-    if dirty.mean() > MOSTLY:
-        return None
+    patches = windows_of(old)
     fresh = np.zeros(patches.grid, bool)
     fresh.flat[patches.cell[dirty]] = True
     merged, kept, fitted = _merged(old, cut_view(source, parallax, fresh), dirty, fresh)
@@ -149,6 +138,35 @@ def register_again(
         kept=kept,
         fresh=fresh,
     )
+
+
+def stale_patches(
+    source: PreparedView,
+    reference: PreparedView,
+    before: ViewRegistration,
+    changed: tuple[Mask, Mask],
+    noise: float,
+    turn: int,
+) -> Chosen | None:
+    """Return which patches of the previous frame no longer hold, (P,).
+
+    None where most do not, or the rig has moved; see :func:`register_again`.
+    """
+    old = before.motions
+    if old is None or not isinstance(old.patches, Windows):
+        return None
+    patches = old.patches
+    shift = np.column_stack([old.motion[:, [0, 6]]] * 2).round().astype(np.int32)
+    dirty = any_inside(changed[0], patches.cells)
+    dirty |= any_inside(changed[1], patches.cells + shift)
+    dirty = around(patches, dirty, 0)
+    probes = _probes(old, dirty, turn)
+    moved = _probe(source, reference, old, probes, before, noise)
+    if _rig_moved(moved):
+        return None
+    dirty[probes[np.linalg.norm(moved, axis=1) > DRIFTED]] = True
+    dirty = around(patches, dirty, 0)
+    return None if dirty.mean() > MOSTLY else dirty
 
 
 def _probes(old: FittedMotions, dirty: Chosen, turn: int) -> npt.NDArray[np.intp]:

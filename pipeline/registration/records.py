@@ -41,6 +41,9 @@ class ViewRegistration:
     renewed: Mask | None = None
     """(H, W): pixels whose landing point or verdict is not simply that of the previous frame;
     None where all have been registered anew."""
+    fresh: Mask | None = None
+    """(rows, columns): cells whose patches are not those of the previous frame; None where all
+    have been registered anew."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

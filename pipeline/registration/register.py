@@ -8,8 +8,8 @@ their refined depth, and views reach a second reference through the first.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,15 +20,24 @@ from pipeline.registration.again import (
     judged_again,
     register_again,
     renumbered,
+    stale_patches,
     with_pixels_of,
 )
-from pipeline.registration.method import Layout, RegistrationMethod
+from pipeline.registration.carried import carry_motions, carry_pixels
+from pipeline.registration.method import Layout, MotionModel, RegistrationMethod
 from pipeline.registration.parallax import identity
 from pipeline.registration.prepare import PreparedView, prepare
 from pipeline.registration.records import Previous, Thresholds, ViewRegistration
 from pipeline.registration.strips import register_strips
 from pipeline.registration.verdict import registered_view
-from pipeline.registration.windows import Landed, land, pixels_of, register_windows
+from pipeline.registration.window_fits import windows_of
+from pipeline.registration.windows import (
+    Landed,
+    land,
+    pixels_of,
+    pixels_per_nearness,
+    register_windows,
+)
 from pipeline.threads import map_threads
 
 __all__ = [
@@ -42,6 +51,10 @@ __all__ = [
 
 NUM_LEVELS = 5
 """Pyramid levels, the LR image included."""
+
+LEAST_PARALLAX = 1.0
+"""Displacement between the nearest and the farthest from which landing points tell depth, LR
+pixels."""
 
 
 def prepare_views(views: Sequence[View], *, metric: bool) -> dict[str, PreparedView]:
@@ -220,22 +233,101 @@ def _register_again(
         return changed_pixels(prepared[name], previous.prepared[name], noise)
 
     changed = dict(zip(names, map_threads(changes, names), strict=True))
-    tasks = [(target, source) for target in targets for source in sources]
+
+    def before(task: tuple[str, str]) -> Before:
+        target, source = task
+        return Before(
+            registration=old[task], changed=(changed[source], changed[target]), turn=previous.turn
+        )
 
     def again(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
-        before = Before(
-            registration=old[task], changed=(changed[source], changed[target]), turn=previous.turn
-        )
         return register_view(
             prepared[source], prepared[target], method, noise=noise, thresholds=thresholds,
-            before=before,
+            before=before(task),
         )  # fmt: skip
 
-    result: dict[str, list[ViewRegistration]] = {}
-    for (target, _), registration in zip(tasks, map_threads(again, tasks), strict=True):
-        result.setdefault(target, []).append(registration)
-    return result
+    leads = {source: _lead(prepared[source], targets, method, old) for source in sources}
+    tasks = [(target, source) for target in targets for source in sources]
+    fitted = [task for task in tasks if leads[task[1]] in (None, task[0])]
+    found = dict(zip(fitted, map_threads(again, fitted), strict=True))
+
+    def carried(task: tuple[str, str]) -> ViewRegistration:
+        target, source = task
+        lead = found[leads[source] or target, source]
+        return _carried(
+            prepared[source], prepared[target], lead, before(task), noise, thresholds
+        ) or again(task)
+
+    others = [task for task in tasks if task not in found]
+    found |= dict(zip(others, map_threads(carried, others), strict=True))
+    return {target: [found[target, source] for source in sources] for target in targets}
+
+
+def _lead(
+    source: PreparedView,
+    targets: Sequence[str],
+    method: RegistrationMethod,
+    old: Mapping[tuple[str, str], ViewRegistration],
+) -> str | None:
+    """Return the reference on which a view's depth is best told, the farthest; None: on none.
+
+    A view that is a reference itself, or that has no parallax, is fitted onto each of them.
+    """
+    name = source.view.view_id
+    if name in targets or method.model is not MotionModel.AFFINE:
+        return None
+    parallaxes = [old[target, name].parallax for target in targets]
+    moves = [
+        0.0 if parallax is None else pixels_per_nearness(source, parallax) * source.depth_range
+        for parallax in parallaxes
+    ]
+    return targets[int(np.argmax(moves))] if min(moves) > LEAST_PARALLAX else None
+
+
+def _carried(
+    source: PreparedView,
+    reference: PreparedView,
+    lead: ViewRegistration,
+    before: Before,
+    noise: float,
+    thresholds: Thresholds,
+) -> ViewRegistration | None:
+    """Return a registration of the previous frame with what another reference tells of a view.
+
+    None where that one was registered from scratch, or this one must be.
+    """
+    old = before.registration
+    stale = stale_patches(source, reference, old, before.changed, noise, before.turn)
+    if (
+        stale is None or lead.fresh is None or old.motions is None or old.parallax is None
+        or old.prior is None or lead.prior is None
+    ):  # fmt: skip
+        return None
+    fresh = lead.fresh.copy()
+    fresh.flat[windows_of(old.motions).cell[stale]] = True
+    if not fresh.any():
+        return replace(with_pixels_of(old, source), fresh=fresh)
+    offset = old.prior.offset_mean - lead.prior.offset_mean
+    kept = Landed(
+        labels=old.patch_labels, position=old.registered.position, offset=old.offset
+    )  # fmt: skip
+    landed = carry_pixels(
+        source, lead, old.parallax, offset, kept, pixels_of(fresh, old.offset.shape)
+    )
+    renewed = judged_again(pixels_of(fresh, old.offset.shape))
+    return replace(
+        old,
+        registered=registered_view(
+            source, reference, landed.position, landed.offset, thresholds,
+            before=(old.registered, renewed),
+        ),
+        motions=carry_motions(lead, old.parallax, offset),
+        patch_labels=landed.labels,
+        offset=landed.offset,
+        renewed=renewed,
+        fresh=fresh,
+    )  # fmt: skip
 
 
 def _renewed(
@@ -250,7 +342,7 @@ def _renewed(
     """Return a registration of the previous frame with the changed pixels' landing points."""
     old = before.registration
     if not again.fitted.any():
-        return with_pixels_of(old, source)
+        return replace(with_pixels_of(old, source), fresh=again.fresh)
     kept = Landed(
         labels=renumbered(old.patch_labels, again.kept), position=old.registered.position,
         offset=old.offset,
@@ -268,4 +360,5 @@ def _renewed(
         patch_labels=landed.labels,
         offset=landed.offset,
         renewed=renewed,
+        fresh=again.fresh,
     )  # fmt: skip
