@@ -22,11 +22,12 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 RUN := $(VENV)/.installed
 DEV := $(VENV)/.installed-dev
 PEERS := .peers/.installed
+BTV_L1 := .peers/btv-l1
 
 demo: $(RUN)
 	$(BIN)/depthsr demo -o demo
 
-test: $(DEV) $(PEERS) system
+test: $(DEV) $(PEERS) $(BTV_L1) system
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder
@@ -42,10 +43,10 @@ soak: $(RUN)
 quality: $(RUN)
 	$(BIN)/python -m benchmarks.quality
 
-# Half an hour of one core; what other projects' networks made is kept in report/peers.
+# Half an hour of one core; what other projects' networks and programs made is kept in report/peers.
 REPORT_SCENES := lytro_2067 flower cones art kitti
 
-report: $(RUN) $(PEERS)
+report: $(RUN) $(PEERS) $(BTV_L1)
 	$(BIN)/depthsr evaluate all $(addprefix $(DEPTHSR_SCENES)/,$(REPORT_SCENES)) sample \
 		-o report --page docs/measured.md
 
@@ -53,11 +54,21 @@ report: $(RUN) $(PEERS)
 EXTRA := import tomllib; \
 	print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["peers"])
 
-peers: $(PEERS)
+peers: $(PEERS) $(BTV_L1)
 
 $(PEERS): pyproject.toml | $(RUN)
 	$(PIP) install --no-deps --upgrade --target .peers $$($(BIN)/python -c '$(EXTRA)')
 	@touch $@
+
+# No Python package binds OpenCV's BTV-L1. Debian's headers come without opencv4.pc, unless all do.
+$(BTV_L1): pipeline/evaluation/btv_l1.cpp
+	@mkdir -p $(@D)
+	@flags=$$(pkg-config --cflags opencv4 2>/dev/null || echo -I/usr/include/opencv4); \
+	{ echo '#include <opencv2/superres.hpp>' | $(CXX) $$flags -E -x c++ - >/dev/null 2>&1 && \
+		$(CXX) -O2 $$flags $< -o $@ $$(pkg-config --libs-only-L opencv4 2>/dev/null) \
+			-lopencv_superres -lopencv_core; } || \
+	{ rm -f $@; echo "BTV-L1 is left out: it takes a C++ compiler and the headers of OpenCV's" \
+		"superres (Debian: libopencv-superres-dev)"; }
 
 lint: $(DEV)
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""What the networks of others made, kept on disk: the same weights make the same of a picture.
+"""What networks and programs of others made, kept on disk: of the same, they make the same.
 
 They take most of the time of a report, and none of it depends on this project's method.
 """
@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from pipeline.evaluation import networks, rivals
+from pipeline.evaluation.fusing import Asked, Fuser
 from pipeline.evaluation.methods import Accounted
 from pipeline.evaluation.rivals import Given, Grey, Peer
 from pipeline.machine import described
@@ -40,7 +41,30 @@ def made_once(
     """
     if folder is None or not peer.networks:
         return make()
-    path = folder / f"{_digest(peer, image, given)}.npz"
+    files = [Path(str(module.__file__)) for module in (rivals, networks)]
+    files += [file for network in peer.networks for file in networks.model_files(network)]
+    pca = rivals.pca_file()
+    if pca is not None:
+        files.append(pca)
+    return _kept(folder, _digest(f"{peer.name} {given}", [image], files), make)
+
+
+def fused_once(
+    fuser: Fuser,
+    asked: Asked,
+    folder: Path | None,
+    make: Callable[[], Accounted[Picture]],
+) -> Accounted[Picture]:
+    """Return what a peer makes of a region with the help of all views, as :func:`made_once`."""
+    if folder is None:
+        return make()
+    words = f"{fuser.name} {asked.number} {asked.sigma} {asked.region}"
+    images = [view.luma for view in asked.frame.views]
+    return _kept(folder, _digest(words, images, fuser.files()), make)
+
+
+def _kept(folder: Path, digest: str, make: Callable[[], Accounted[Picture]]) -> Accounted[Picture]:
+    path = folder / f"{digest}.npz"
     if path.is_file():
         with np.load(path, allow_pickle=False) as found:
             seconds, cpu_seconds, memory_mib = (float(value) for value in found["cost"])
@@ -57,15 +81,12 @@ def made_once(
     return made
 
 
-def _digest(peer: Peer, image: Grey, given: Given) -> str:
-    """Return a name for all that the picture and its cost depend on."""
-    digest = hashlib.sha256(f"{peer.name} {given} {described()} {image.shape}".encode())
-    digest.update(np.ascontiguousarray(image, np.float32).tobytes())
-    files = [Path(str(module.__file__)) for module in (rivals, networks)]
-    files += [file for network in peer.networks for file in networks.model_files(network)]
-    pca = rivals.pca_file()
-    if pca is not None:
-        files.append(pca)
+def _digest(asked: str, images: Iterable[Grey], files: Iterable[Path]) -> str:
+    """Return a name for all that a picture and its cost depend on."""
+    digest = hashlib.sha256(f"{asked} {described()}".encode())
+    for image in images:
+        digest.update(f" {image.shape}".encode())
+        digest.update(np.ascontiguousarray(image, np.float32).tobytes())
     for file in files:
         digest.update(file.read_bytes())
     return digest.hexdigest()[:32]

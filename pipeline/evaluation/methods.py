@@ -19,9 +19,9 @@ from pipeline.metrics import ms_ssim, psnr, ssim
 from pipeline.results import FrameReport
 
 Result = TypeVar("Result")
+Other = TypeVar("Other")
 
 REFERENCES = Path("/proc/self/clear_refs")
-STATUS = Path("/proc/self/status")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,16 +64,23 @@ class Accounted(Generic[Result]):
     memory_mib: float
     """Largest resident memory above that before the call; NaN where the system does not tell."""
 
+    def giving(self, result: Other) -> Accounted[Other]:
+        """Return what was made of the result, at the same cost."""
+        return Accounted(
+            result=result, seconds=self.seconds, cpu_seconds=self.cpu_seconds,
+            memory_mib=self.memory_mib,
+        )  # fmt: skip
+
 
 def accounted(call: Callable[[], Result]) -> Accounted[Result]:
     """Call, and account for it."""
-    before = _resident_mib(reset=True)
+    before = _resident_mib()
     begin, cpu = time.perf_counter(), time.process_time()
     result = call()
     seconds, cpu = time.perf_counter() - begin, time.process_time() - cpu
     return Accounted(
         result=result, seconds=seconds, cpu_seconds=cpu,
-        memory_mib=_resident_mib(reset=False) - before,
+        memory_mib=peak_mib() - before,
     )  # fmt: skip
 
 
@@ -110,17 +117,31 @@ def middle_views(frame: MultiViewFrame, count: int) -> MultiViewFrame:
     return replace(frame, views=tuple(frame.views[number] for number in kept))
 
 
-def _resident_mib(*, reset: bool) -> float:
-    """Return the peak of resident memory, MiB, after resetting it to the present size if asked.
+def peak_mib(process: int | str = "self") -> float:
+    """Return the peak of resident memory, MiB; NaN where the system does not tell.
 
-    Linux keeps the peak as VmHWM and resets it when 5 is written to ``clear_refs``.
+    Parameters
+    ----------
+    process : int or "self"
+        Number of the process.
     """
     try:
-        if reset:
-            REFERENCES.write_text("5", encoding="ascii")
-        for line in STATUS.read_text(encoding="ascii", errors="replace").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) / 1024
+        status = Path(f"/proc/{process}/status").read_text(encoding="ascii", errors="replace")
     except OSError:
-        pass
+        return float("nan")
+    for line in status.splitlines():
+        if line.startswith("VmHWM:"):
+            return int(line.split()[1]) / 1024
     return float("nan")
+
+
+def _resident_mib() -> float:
+    """Return resident memory, MiB, and have the peak begin there; NaN as above.
+
+    Linux forgets the peak when 5 is written to ``clear_refs``.
+    """
+    try:
+        REFERENCES.write_text("5", encoding="ascii")
+    except OSError:
+        return float("nan")
+    return peak_mib()

@@ -13,14 +13,17 @@ import numpy.typing as npt
 
 from pipeline.degradation import Degradation, DegradedFrame
 from pipeline.evaluate import BORDER, DEFAULT, SINGLE_VIEW
-from pipeline.evaluation import vidsr
+from pipeline.evaluation.btv_l1 import BTV_L1
 from pipeline.evaluation.elements import Chapter
+from pipeline.evaluation.fusing import Asked, Fuser
 from pipeline.evaluation.home_ground import HALVING, home_frame, home_settings
-from pipeline.evaluation.kept import made_once
+from pipeline.evaluation.kept import fused_once, made_once
 from pipeline.evaluation.methods import Accounted, MethodRun, accounted, fidelity, timed_run
+from pipeline.evaluation.programs import ProgramFailed
 from pipeline.evaluation.rivals import PEERS, Given, Peer, moved_half
 from pipeline.evaluation.subjects import Subject
 from pipeline.evaluation.tables import NOT_MEASURED, Table, number, signed
+from pipeline.evaluation.vidsr import VIDSR
 from pipeline.frames import GreyImage
 from pipeline.threads import thread_count
 
@@ -33,10 +36,8 @@ MANY_VIEWS = 4
 MIDDLE = (96, 72)
 """Width and height of what a slow peer is given: the middle of the picture, LR pixels."""
 
-LEFT_OUT = (
-    "OpenCV's BTV-L1 (superres) is left out: its Python packages do not bind it; it can only be "
-    "built with a C++ compiler against the library's headers."
-)
+FUSERS = (VIDSR, BTV_L1)
+"""Those that fuse views; all of them are slow."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,16 +166,19 @@ def measure_peers(
 
 @dataclass(frozen=True, kw_only=True)
 class MiddleRow:
-    """vidsr and ours on the middle of the left eye of one scene, made in one way."""
+    """A peer that fuses views, and ours, on the middle of the left eye, made in one way."""
 
     scene: str
     num_views: int
     input_name: str
+    peer: str
     psnr: dict[str, float]
-    """By method, dB."""
+    """By method, dB; empty where the peer did not run."""
     ssim: dict[str, float]
     cpu_seconds: float
-    """Of vidsr, all its processes; NaN where it did not run."""
+    """Of the peer, all its processes; NaN where it did not run."""
+    memory_mib: float
+    """Of the peer's own process, all of it; NaN where it did not run."""
     remark: str = ""
     """Why it did not run; empty where it did."""
 
@@ -184,11 +188,18 @@ def measure_middle(
     kinds: Iterable[InputKind],
     *,
     note: Callable[[str], None] = lambda _: None,
+    fusers: Sequence[Fuser] = FUSERS,
+    folder: Path | None = None,
 ) -> list[MiddleRow]:
-    """Return a row for each noisy input of a scene of many views: vidsr takes too long for more.
+    """Return a row for each noisy input of a scene of many views, and each peer that fuses them.
 
-    It fuses the views, as the default does, and works on a region of interest; ours are
-    measured over the same pixels of their whole pictures.
+    They take too long for more, and work on a region of interest; ours are measured over the
+    same pixels of their whole pictures.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Where it is kept what peers make, and taken from if it is there.
     """
     if len(subject.view_ids) < MANY_VIEWS:
         return []
@@ -197,39 +208,54 @@ def measure_middle(
         if kind.noise == 0:
             continue
         degraded = kind.frame(subject)
-        region = _middle_of(degraded.frame.lr_shape)
-        made = _fused(subject, degraded, kind, region, note)
-        pictures = {}
-        if not isinstance(made, str):
-            pictures[vidsr.NAME] = _placed(made.picture, kind.sigma)
-            for method in OURS:
-                image = kind.run(method, subject, degraded).image
-                pictures[method] = _inside(image, region)
-        truth = _inside(degraded.truth[subject.eyes[0]], region)
-        found = {name: fidelity(picture, truth, BORDER) for name, picture in pictures.items()}
-        rows.append(
-            MiddleRow(
-                scene=subject.name, num_views=len(subject.view_ids), input_name=kind.name,
-                psnr={name: one.psnr for name, one in found.items()},
-                ssim={name: one.ssim for name, one in found.items()},
-                cpu_seconds=float("nan") if isinstance(made, str) else made.cpu_seconds,
-                remark=made if isinstance(made, str) else "",
-            )
+        asked = Asked(
+            frame=degraded.frame, reference=subject.eyes[0],
+            sigma=HALVING.sigma if kind.sigma is None else kind.sigma,
+            region=_middle_of(degraded.frame.lr_shape),
         )  # fmt: skip
+        truth = _inside(degraded.truth[subject.eyes[0]], asked.region)
+        ours: dict[str, npt.NDArray[np.uint8]] = {}
+        for fuser in fusers:
+            remark = fuser.missing()
+            if not remark:
+                note(f"{subject.name}, {kind.name}: {fuser.name}, the middle")
+                try:
+                    made = fused_once(fuser, asked, folder, partial(_fused, fuser, asked, kind))
+                except ProgramFailed as error:
+                    remark = str(error)
+            if remark:
+                rows.append(_absent_middle(subject, kind, fuser.name, remark))
+                continue
+            ours = ours or {
+                method: _inside(kind.run(method, subject, degraded).image, asked.region)
+                for method in OURS
+            }
+            pictures = {fuser.name: made.result, **ours}
+            found = {name: fidelity(picture, truth, BORDER) for name, picture in pictures.items()}
+            rows.append(
+                MiddleRow(
+                    scene=subject.name, num_views=len(subject.view_ids), input_name=kind.name,
+                    peer=fuser.name, psnr={name: one.psnr for name, one in found.items()},
+                    ssim={name: one.ssim for name, one in found.items()},
+                    cpu_seconds=made.cpu_seconds, memory_mib=made.memory_mib,
+                )
+            )  # fmt: skip
     return rows
 
 
-def _fused(
-    subject: Subject, degraded: DegradedFrame, kind: InputKind,
-    region: tuple[int, int, int, int], note: Callable[[str], None],
-) -> vidsr.Fused | str:  # fmt: skip
-    """Return what vidsr makes of a region, told the σ nearest to the truth; or why nothing."""
-    remark = vidsr.missing()
-    if remark:
-        return remark
-    note(f"{subject.name}, {kind.name}: {vidsr.NAME}, the middle")
-    sigma = HALVING.sigma if kind.sigma is None else kind.sigma
-    return vidsr.fused(degraded.frame, subject.eyes[0], sigma, region)
+def _fused(fuser: Fuser, asked: Asked, kind: InputKind) -> Accounted[npt.NDArray[np.uint8]]:
+    """Return what a peer makes of a region, as it is measured."""
+    made = fuser.run(asked)
+    return made.giving(
+        _placed(made.result, on_pixels=fuser.on_pixels, decimated=kind.sigma is not None)
+    )
+
+
+def _absent_middle(subject: Subject, kind: InputKind, peer: str, remark: str) -> MiddleRow:
+    return MiddleRow(
+        scene=subject.name, num_views=len(subject.view_ids), input_name=kind.name, peer=peer,
+        psnr={}, ssim={}, cpu_seconds=math.nan, memory_mib=math.nan, remark=remark,
+    )  # fmt: skip
 
 
 def _middle_of(lr_shape: tuple[int, int]) -> tuple[int, int, int, int]:
@@ -252,16 +278,24 @@ def _made(peer: Peer, lr_image: GreyImage, given: Given) -> Accounted[npt.NDArra
     """Return what a peer makes of an LR picture, as it is measured."""
     peer.run(lr_image[:32, :32], given)  # loads it
     made = accounted(partial(peer.run, lr_image, given))
-    return Accounted(
-        result=_placed(made.result, given.sigma), seconds=made.seconds,
-        cpu_seconds=made.cpu_seconds, memory_mib=made.memory_mib,
-    )  # fmt: skip
+    return made.giving(_placed(made.result, on_pixels=False, decimated=given.sigma is not None))
 
 
-def _placed(image: GreyImage, sigma: float | None) -> npt.NDArray[np.uint8]:
-    """Return a picture whose pixel areas are aligned where the truth is, rounded."""
-    moved = image if sigma is None else moved_half(image)
-    return np.clip(np.rint(moved), 0, 255).astype(np.uint8)
+def _placed(image: GreyImage, *, on_pixels: bool, decimated: bool) -> npt.NDArray[np.uint8]:
+    """Return a picture where the truth is, rounded.
+
+    Parameters
+    ----------
+    on_pixels : bool
+        Its maker takes LR pixel i to lie on HR pixel 2i; else pixel areas are aligned.
+    decimated : bool
+        LR pixel i does lie on HR pixel 2i; else pixel areas are aligned.
+    """
+    if decimated and not on_pixels:
+        image = moved_half(image)
+    elif on_pixels and not decimated:
+        image = moved_half(image[::-1, ::-1])[::-1, ::-1]  # the other way
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
 def _absent(subject: Subject, kind: InputKind, method: str, remark: str) -> PeerRow:
@@ -302,7 +336,7 @@ def chapter(rows: Sequence[PeerRow], middles: Sequence[MiddleRow] = ()) -> Chapt
         key="peers",
         title="Beside other projects' packages",
         question="Is there a package that does better, and on what?",
-        answer=[*_answer(rows, cells), *_answer_of_middles(middles), LEFT_OUT],
+        answer=[*_answer(rows, cells), *_answer_of_middles(middles)],
         tables=[
             ("The default and the best of the peers, left eye", _summary(cells)),
             *([(_MIDDLE_TITLE, _middle_table(middles))] if middles else []),
@@ -352,44 +386,51 @@ def _answer(rows: Sequence[PeerRow], cells: Mapping[Cell, Sequence[PeerRow]]) ->
 
 
 def _answer_of_middles(middles: Sequence[MiddleRow]) -> list[str]:
-    margins = [row.psnr[DEFAULT] - row.psnr[vidsr.NAME] for row in middles if not row.remark]
-    remarks = dict.fromkeys(row.remark for row in middles if row.remark)
-    sentences = [f"Not measured: {vidsr.NAME}: {remark}." for remark in remarks]
-    if margins:
-        won = sum(margin > 0 for margin in margins)
-        sentences.append(
-            f"Against {vidsr.NAME}, which fuses the views as the default does and takes minutes "
-            f"for a whole picture, the default wins {won} of {len(margins)} cells on the middle "
-            f"{MIDDLE[0]}×{MIDDLE[1]} LR pixels, by {signed(min(margins))} to "
-            f"{signed(max(margins))} dB."
-        )
+    sentences = []
+    for peer in dict.fromkeys(row.peer for row in middles):
+        of_peer = [row for row in middles if row.peer == peer]
+        remarks = dict.fromkeys(row.remark for row in of_peer if row.remark)
+        sentences += [f"Not measured: {peer}: {remark}." for remark in remarks]
+        margins = [_margin(row) for row in of_peer if not row.remark]
+        if margins:
+            won = sum(margin > 0 for margin in margins)
+            sentences.append(
+                f"Against {peer}, which fuses the views as the default does and takes minutes "
+                f"for a whole picture, the default wins {won} of {len(margins)} cells on the "
+                f"middle {MIDDLE[0]}×{MIDDLE[1]} LR pixels, by {signed(min(margins))} to "
+                f"{signed(max(margins))} dB."
+            )
     return sentences
 
 
+def _margin(row: MiddleRow) -> float:
+    """Return by how much the default is better than the peer, dB."""
+    return row.psnr[DEFAULT] - row.psnr[row.peer]
+
+
 _MIDDLE_TITLE = (
-    f"{vidsr.NAME}, too slow for whole pictures, and ours, on the middle {MIDDLE[0]}×{MIDDLE[1]} "
-    "LR pixels of the left eye"
+    "Peers that fuse views, too slow for whole pictures, and ours, on the middle "
+    f"{MIDDLE[0]}×{MIDDLE[1]} LR pixels of the left eye"
 )
 
 
 def _middle_table(middles: Iterable[MiddleRow]) -> Table:
-    methods = (vidsr.NAME, *OURS)
     return Table(
         head=(
-            "scene", "views", "input", *(f"{method} dB" for method in methods), "margin dB",
-            f"{vidsr.NAME} SSIM", f"{DEFAULT} SSIM", f"{vidsr.NAME} CPU s", "",
+            "scene", "views", "input", "peer", "peer dB", *(f"{method} dB" for method in OURS),
+            "margin dB", "peer SSIM", f"{DEFAULT} SSIM", "peer CPU s", "peer MiB", "",
         ),
         rows=tuple(
             (
-                row.scene, str(row.num_views), row.input_name,
-                *(number(row.psnr.get(method, math.nan)) for method in methods),
-                NOT_MEASURED if row.remark else signed(row.psnr[DEFAULT] - row.psnr[vidsr.NAME]),
-                *(number(row.ssim.get(method, math.nan), 4) for method in (vidsr.NAME, DEFAULT)),
-                number(row.cpu_seconds), row.remark,
+                row.scene, str(row.num_views), row.input_name, row.peer,
+                *(number(row.psnr.get(method, math.nan)) for method in (row.peer, *OURS)),
+                NOT_MEASURED if row.remark else signed(_margin(row)),
+                *(number(row.ssim.get(method, math.nan), 4) for method in (row.peer, DEFAULT)),
+                number(row.cpu_seconds), number(row.memory_mib, 0), row.remark,
             )
             for row in middles
         ),
-        left=("input", ""),
+        left=("input", "peer", ""),
     )  # fmt: skip
 
 

@@ -248,7 +248,9 @@ def _peers(
         for row in peers.measure_peers(subject, kinds, note=note, folder=plan.peers_folder)
     ]
     middles = [
-        row for _, subject in subjects for row in peers.measure_middle(subject, kinds, note=note)
+        row
+        for _, subject in subjects
+        for row in peers.measure_middle(subject, kinds, note=note, folder=plan.peers_folder)
     ]
     return peers.chapter(rows, middles)
 
