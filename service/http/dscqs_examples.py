@@ -177,3 +177,152 @@ SUREAL: dict[str, Any] = {
         },
     ],
 }  # fmt: skip
+SUJSON: dict[str, Any] = {
+    "dataset_name": "Set 1",
+    "sujson_version": "1.1.1",
+    "characteristics": {
+        "per_subject_data": True, "method": "grades",
+        "order": {
+            "displays": ["polarised"], "contents": ["ballet"], "conditions": ["sr"],
+            "dimensions": ["quality"],
+        },
+    },
+    "tasks": [{"id": 1, "task": "Grade every presentation."}],
+    "scales": [
+        {
+            "id": number, "name": name, "type": "continuous",
+            "description": f"grade of the {what}; 0 = bad ... 100 = excellent, higher is better",
+            "range": {"min": 0, "max": 100}, "labels": None,
+        }
+        for number, name, what in (
+            (1, "grade_reference", "reference"), (2, "grade_test", "tested condition"),
+        )
+    ],
+    "questions": [
+        {
+            "id": number, "question": f"quality: {name}", "scale_id": number,
+            "characteristics": {"dimension": "quality", "figure": name},
+        }
+        for number, name in ((1, "grade_reference"), (2, "grade_test"))
+    ],
+    "src": [{"id": 1, "name": "ballet"}],
+    "hrc": [{"id": 1, "name": "sr"}],
+    "pvs": [{"id": 1, "src_id": 1, "hrc_id": 1}],
+    "subjects": [{"id": 1, "name": "a1"}],
+    "trials": [
+        {
+            "id": 1, "subject_id": 1, "task_id": 1, "pvs_id": 1, "score_id": [1, 2],
+            "characteristics": {
+                "display": "polarised", "repetition": 1, "dimension": "quality", "kind": "test",
+                "extra": {
+                    "position": "1", "reference_side": "A",
+                    "graded_at": "2026-11-26T07:03:24.326+00:00", "failed_showings": "0",
+                    "late_frames": "0", "dropped_frames": "0",
+                },
+            },
+        }
+    ],
+    "scores": [
+        {"id": 1, "question_id": 1, "score": 71.3, "pvs_id": 1},
+        {"id": 2, "question_id": 2, "score": 40.0, "pvs_id": 1},
+    ],
+}  # fmt: skip
+
+
+def _before_and_after(mean: float) -> dict[str, Any]:
+    """Return a mean over one assessor, before and after screening."""
+    alone = {
+        "n": 1, "mean": mean, "sd": None, "se": None, "ci95_normal": None, "ci95_t": None,
+    }  # fmt: skip
+    return {"before": alone, "after": alone}
+
+
+_FIGURES: dict[str, Any] = {
+    **_before_and_after(31.3),
+    "grade_reference": _before_and_after(71.3),
+    "grade_test": _before_and_after(40.0),
+    "test_score": _before_and_after(60.0),
+    "reference_score": _before_and_after(28.7),
+}
+_SCREENED = {"P": 0, "Q": 0, "ratio_total": 0.0, "ratio_balance": None, "rejected": False}
+_REPEATS = {
+    "stimuli": 0, "mean_change": None, "within_sd": None, "repeatability": None,
+    "correlation": None,
+}  # fmt: skip
+_STIMULUS = {"content": "ballet", "condition": "sr"}
+SCORES: dict[str, Any] = {
+    "format": "depthsr-dscqs-analysis/1",
+    "votes": "Set 1",
+    "dimension": "quality",
+    "method": "grades",
+    "figure": "difference",
+    "direction": "difference = reference - test, -100 ... 100; positive: the test is worse",
+    "informal": True,
+    "assessors": {"polarised": 1},
+    "stimuli": [{"display": "polarised", **_STIMULUS, **_FIGURES}],
+    "pooled": [
+        {
+            "display": "polarised", "condition": "sr", **_FIGURES,
+            "by_assessor": _before_and_after(31.3),
+        }
+    ],
+    "screening": {
+        "variant_used": "sample",
+        "sample": {"polarised": {"rejected": [], "assessors": {"a1": _SCREENED}}},
+        "population": {
+            "polarised": {
+                "rejected": ["a1"],
+                "assessors": {
+                    "a1": {
+                        "P": 1, "Q": 1, "ratio_total": 2.0, "ratio_balance": 0.0,
+                        "rejected": True,
+                    }
+                },
+            }
+        },
+    },
+    "missing": {
+        "polarised": {"expected": 1, "given": 1, "by_assessor": {}, "by_stimulus": []}
+    },
+    "coherence": {
+        "polarised": {
+            "repeats": {"a1": _REPEATS},
+            "all_repeats": _REPEATS,
+            "agreement": {"a1": {"pearson": None, "spearman": None, "low": False}},
+        }
+    },
+    "models": {
+        "polarised": {
+            "z_scores": [{**_STIMULUS, "z": None, "percent": None}],
+            "bias_removal": {
+                "bias": {"a1": 0.0},
+                "stimuli": [{**_STIMULUS, "mean": 31.3}],
+                "rejected": {"sample": [], "population": ["a1"]},
+                "after": {"sample": [31.3], "population": [None]},
+            },
+            "maximum_likelihood": {
+                "steps": 1, "converged": True, "dominated_by": None, "bias": {"a1": 0.0},
+                "inconsistency": {"a1": 0.0},
+                "stimuli": [
+                    {**_STIMULUS, "quality": 31.3, "se_residual": 0.0, "se_model": 0.0001}
+                ],
+            },
+        }
+    },
+    "comparisons": {
+        "polarised": {
+            "balanced": True, "complete": ["a1"], "incomplete": [], "anova": [],
+            "friedman": None,
+            "against_reference": [
+                {
+                    "first": "sr", "second": "reference", "n": 1, "mean": 31.3, "sd": None,
+                    "ci95_t": None, "t": None, "df": None, "p": None, "p_holm": None,
+                    "effect_size": None, "p_wilcoxon": None, "p_wilcoxon_holm": None,
+                }
+            ],
+            "pairs": [],
+        }
+    },
+    "anova_across_displays": {"assessors": [], "effects": []},
+    "power": {"polarised": None},
+}  # fmt: skip

@@ -329,6 +329,8 @@ def act(
                     "schema": {"type": "object"},
                     "examples": {
                         "json": {"value": examples.EVERYTHING},
+                        "scores": {"value": examples.SCORES},
+                        "sujson": {"value": examples.SUJSON},
                         "sureal": {"value": examples.SUREAL},
                     },
                 },

@@ -30,6 +30,18 @@ HEADERS = {
 MEDIA_TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".css": "text/css"}
 
 
+def media_type_of(path: Path) -> str:
+    """Return what a file is sent as."""
+    guessed = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    return MEDIA_TYPES.get(path.suffix, guessed)
+
+
+def _smallest() -> dict[str, Path]:
+    """Return the smallest file of each media type."""
+    files = sorted(filter(Path.is_file, FOLDER.rglob("*")), key=lambda path: -path.stat().st_size)
+    return {media_type_of(path): path for path in files}
+
+
 @router.get(
     "/pages/{name:path}",
     response_class=Response,
@@ -37,10 +49,11 @@ MEDIA_TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".css": "tex
         200: {
             **TAGGED,
             "content": {
-                "text/html": {
+                kind: {
                     "schema": {"type": "string"},
-                    "example": (FOLDER / "enter.html").read_text(encoding="utf-8"),
+                    "example": path.read_text(encoding="utf-8"),
                 }
+                for kind, path in _smallest().items()
             },
         },
         304: {"description": "Unchanged"},
@@ -59,8 +72,6 @@ def page(
         known = False
     if not known:
         raise ProblemError("not-found", "there is no such page")
-    guessed = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    media_type = MEDIA_TYPES.get(path.suffix, guessed)
-    answer = send_file(path, if_none_match, media_type)
+    answer = send_file(path, if_none_match, media_type_of(path))
     answer.headers.update(HEADERS)
     return answer

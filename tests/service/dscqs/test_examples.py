@@ -49,6 +49,9 @@ def test_a_test_is_answered_as_its_examples_say(served, stimuli, operator, make_
     assert _shape(operator.document(test)) == _shape(examples.EVERYTHING)
     sureal = http.get(f"{OPERATOR}/tests/{test}/export?format=sureal").json()
     assert sureal == examples.SUREAL
+    for format, example in (("sujson", examples.SUJSON), ("scores", examples.SCORES)):
+        said = http.get(f"{OPERATOR}/tests/{test}/export", params={"format": format}).json()
+        assert _shape(said) == _shape(example)
 
     second.enter(operator.invite(test, "a2", "polarised"))
     second.present()

@@ -15,6 +15,7 @@ from schemathesis.specs.openapi.checks import (
 
 from service.app import create_app
 from service.config import ServiceConfig
+from service.http.dscqs_pages import FOLDER, media_type_of
 
 CHECKS = [
     not_a_server_error, status_code_conformance, content_type_conformance,
@@ -99,3 +100,25 @@ def test_everything_asked_for_or_answered_has_an_example_that_fits(description):
         schema = {**item.get("schema", {}), "components": description["components"]}
         wrong += [name for example in found if not jsonschema_rs.is_valid(schema, example)]
     assert (without, wrong) == ([], [])
+
+
+def test_every_format_that_can_be_asked_for_is_declared_with_an_example(description):
+    """Text formats have an example of their own name, or a media type alone."""
+    asked = 0
+    for where, methods in description["paths"].items():
+        for method, operation in methods.items():
+            for item in operation.get("parameters", []):
+                if item["name"] != "format":
+                    continue
+                content = operation["responses"]["200"]["content"]
+                named = {name for held in content.values() for name in held.get("examples", {})}
+                endings = {kind.rpartition("/")[2] for kind in content}
+                assert set(item["schema"]["enum"]) <= named | endings, (method, where)
+                asked += 1
+    assert asked
+
+
+def test_everything_a_page_of_subjective_tests_is_made_of_is_declared(description):
+    operation = description["paths"]["/dscqs/pages/{name}"]["get"]
+    files = [path for path in FOLDER.rglob("*") if path.is_file()]
+    assert {media_type_of(path) for path in files} == set(operation["responses"]["200"]["content"])
