@@ -63,6 +63,13 @@ _ENCODERS: dict[VideoCodec, tuple[str, dict[str, str]]] = {
 }
 """Encoder and its settings, by codec."""
 
+_EXACT_X264 = (
+    "aq-mode=0:no-mbtree=1:no-dct-decimate=1:psy=0:chroma-qp-offset=-6"
+    ":deadzone-intra=6:deadzone-inter=6"
+)
+"""x264 by fidelity instead of by looks: small coefficients stay, no block is coarser than
+another, and chroma, one code of which is two of red or blue, is finer than luma."""
+
 _LOSSLESS_PIXELS = {
     (8, False): "bgr0",
     (8, True): "gray",
@@ -267,7 +274,7 @@ class _SegmentEncoder:
         if codec is VideoCodec.AV1:
             # The encoder talks on the error stream otherwise; it reads only this variable.
             os.environ.setdefault("SVT_LOG", "0")
-        options = options | _quality_options(fmt, picture) | _layout_options(fmt)
+        options = options | _quality_options(fmt, picture) | _x264_options(fmt)
         self._pixels = pixels = _pixels_for(picture, fmt)
         self._container = av.open(
             str(self._temporary), "w", format="matroska", options=dict(_BITEXACT)
@@ -388,11 +395,11 @@ def _quality_options(video_format: VideoFormat, picture: Picture) -> dict[str, s
     return {"g": str(KEYFRAME_INTERVAL), "crf": str(video_format.quality)}
 
 
-def _layout_options(video_format: VideoFormat) -> dict[str, str]:
-    """Return the options that put the frame-packing SEI into H.264 (ITU-T H.264 D.1.26)."""
+def _x264_options(video_format: VideoFormat) -> dict[str, str]:
+    """Return x264's own options; frame packing is signalled by SEI (ITU-T H.264 D.1.26)."""
     if video_format.codec is not VideoCodec.H264:
         return {}
-    parameters = ["b-pyramid=none"]
+    parameters = ["b-pyramid=none", _EXACT_X264]
     if video_format.layout.packed:
         parameters.append(f"frame-packing={3 if video_format.layout.side_by_side else 4}")
     return {"x264-params": ":".join(parameters)}

@@ -42,9 +42,9 @@ CODECS = {
 }
 """What each container can hold; the first is its default."""
 
-DEFAULT_CRF = {VideoCodec.H264: 10, VideoCodec.VP9: 12, VideoCodec.AV1: 6}
-"""Constant rate factor that keeps flat colours and ramps within a code value, seldom two; lower is
-better and larger."""
+DEFAULT_CRF = {VideoCodec.H264: 8, VideoCodec.VP9: 4, VideoCodec.AV1: 3}
+"""Constant rate factor that keeps flat colours and ramps within a code value; lower is better and
+larger."""
 
 HIGHEST_CRF = {VideoCodec.H264: 51, VideoCodec.VP9: 63, VideoCodec.AV1: 63}
 

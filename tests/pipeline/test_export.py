@@ -16,7 +16,7 @@ from pipeline.job import OutputOptions
 from pipeline.media.decode import VideoReader
 from pipeline.media.encode import join_segments, write_segment
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat, suggested_name
-from pipeline.stereo import StereoLayout
+from pipeline.stereo import StereoLayout, pack
 from pipeline.stop import StopFlag
 from tests.support.needed import program
 
@@ -100,17 +100,51 @@ def test_every_form_says_what_it_is(master, tmp_path, container, codec, layout):
         assert stream["sample_aspect_ratio"] == ("2:1" if "sbs" in layout else "1:2")
 
 
-def test_players_and_probes_of_others_agree(master, tmp_path):
-    path = tmp_path / "clip_3D_SBS_LR.mkv"
-    export(master, _options(path, layout="sbs"))
-    said = subprocess.run(
-        [program("mediainfo"), str(path)], capture_output=True, text=True, check=True
-    )
-    assert "Side by Side (left eye first)" in said.stdout
+def _mediainfo(path) -> str:
+    """Return how mediainfo says that the eyes lie; empty where it says nothing."""
+    command = [program("mediainfo"), "--Inform=Video;%MultiView_Layout%", str(path)]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def _mpv(path) -> str:
+    """Return the stereo mode that mpv takes a file for."""
     words = [program("mpv"), "--no-config", "--vo=null", "--ao=null", "--frames=1",
              "--term-playing-msg=IN=${video-params/stereo-in}", str(path)]  # fmt: skip
-    played = subprocess.run(words, capture_output=True, text=True, check=True, timeout=60)
-    assert "IN=sbs2l" in played.stdout
+    said = subprocess.run(words, capture_output=True, text=True, check=True, timeout=60).stdout
+    return said.partition("IN=")[2].split()[0]
+
+
+@pytest.mark.parametrize(
+    ("container", "codec", "layout"),
+    [
+        ("mkv", "h264", "sbs"), ("mkv", "h264", "half-tab"), ("webm", "vp9", "half-sbs"),
+        ("webm", "av1", "tab"),
+    ],
+)  # fmt: skip
+def test_players_and_probes_of_others_read_matroska_and_webm(
+    master, tmp_path, container, codec, layout
+):
+    path = tmp_path / f"clip.{container}"
+    export(master, _options(path, layout=layout, codec=codec))
+    beside = "sbs" in layout
+    lies = "Side by Side" if beside else "Top-Bottom"
+    assert _mediainfo(path) == f"{lies} (left eye first)"
+    assert _mpv(path) == ("sbs2l" if beside else "ab2l")
+
+
+@pytest.mark.parametrize("layout", ["sbs", "tab"])
+def test_of_mp4_players_and_probes_of_others_read_what_they_read_of_ffmpeg_s_own(
+    master, tmp_path, layout
+):
+    ours, source, theirs = (tmp_path / name for name in ("ours.mp4", "source.mkv", "theirs.mp4"))
+    export(master, _options(ours, layout=layout))
+    export(master, _options(source, layout=layout))
+    command = [program("ffmpeg"), "-v", "error", "-i", str(source), "-c", "copy",
+               "-strict", "unofficial", str(theirs)]  # fmt: skip
+    subprocess.run(command, check=True)
+    assert b"st3d" in ours.read_bytes()
+    assert b"st3d" in theirs.read_bytes()
+    assert (_mediainfo(ours), _mpv(ours)) == (_mediainfo(theirs), _mpv(theirs))
 
 
 @pytest.mark.parametrize(
@@ -133,6 +167,67 @@ def test_grey_ramp_and_colour_bars_survive_within_a_code_value(
     assert ramp.max() <= 1
     inner = np.abs(left[60:90] - chart[60:90]).reshape(30, len(BARS), -1, 3)[:, :, 6:-6]
     assert inner.max() <= 1
+
+
+def _ramp(height, width, *, levels=256, low=0, high=255) -> np.ndarray:
+    """Return grey from left to right in equal steps."""
+    values = np.rint(np.linspace(low, high, levels)).astype(np.uint8)
+    row = values[np.arange(width) * levels // width]
+    return np.broadcast_to(row[None, :, None], (height, width, 3))
+
+
+def _bars(height, width, *, scale: float) -> np.ndarray:
+    """Return the primaries, their mixtures, white and black, upright."""
+    on = np.array([(r, g, b) for g in (1, 0) for r in (1, 0) for b in (1, 0)])
+    row = np.rint(255 * scale * on).astype(np.uint8)[np.arange(width) * len(on) // width]
+    return np.broadcast_to(row[None], (height, width, 3))
+
+
+CHARTS = {
+    "small": np.vstack([_ramp(54, 192), _bars(54, 192, scale=0.75)]),
+    "full bars": np.vstack([_bars(90, 320, scale=1), _ramp(90, 320)]),
+    "odd": np.vstack([_ramp(135, 479), _bars(136, 479, scale=0.75)]),
+    "downwards": _ramp(270, 480).transpose(1, 0, 2),
+    "steps": np.vstack([_ramp(60, 640, levels=n, low=16, high=235) for n in (8, 11, 16)]),
+    "HD": np.vstack([_ramp(360, 640), _bars(360, 640, scale=1)]),
+}
+"""Ramps, steps and bars, at sizes that codecs' blocks do not divide."""
+
+REACH = 12
+"""How far from an edge blocks of the codecs still mix both sides, pixels."""
+
+
+def _far_from_edges(picture) -> np.ndarray:
+    """Return where no edge, of more than the step of a ramp, is within reach: (H, W)."""
+    signed = picture.astype(int)
+    edges = np.zeros(picture.shape[:2], np.uint8)
+    for axis in (0, 1):
+        steep = np.abs(np.diff(signed, axis=axis)).max(2) > 4
+        for side in (np.s_[1:], np.s_[:-1]):
+            edges[side if axis == 0 else (slice(None), side)] |= steep
+    around = np.ones((2 * REACH - 1, 2 * REACH - 1), np.uint8)
+    return cv2.dilate(edges, around) == 0
+
+
+@pytest.mark.parametrize(
+    ("container", "codec"), [("mp4", "h264"), ("webm", "vp9"), ("webm", "av1")]
+)
+@pytest.mark.parametrize("chart", CHARTS)
+def test_every_pixel_of_charts_of_many_kinds_is_within_a_code_value(
+    tmp_path, chart, container, codec
+):
+    eye = CHARTS[chart]
+    path = tmp_path / f"chart.{container}"
+    form = VideoFormat.for_path(
+        path, layout=StereoLayout.SBS, fps=Fraction(15), codec=VideoCodec(codec)
+    )
+    write_segment(tmp_path / "one.mkv", form, [(eye, eye[::-1])] * 2, first_frame=0)
+    join_segments([tmp_path / "one.mkv"], path, form)
+    meant = pack(eye, eye[::-1], StereoLayout.SBS, multiple=2)
+    judged = _far_from_edges(meant)
+    assert judged.mean() > 0.2
+    off = np.abs(_decoded(path, tmp_path).astype(int) - meant)[judged]
+    assert off.max() <= 1
 
 
 def test_pictures_are_the_master_bit_for_bit(master, tmp_path):
