@@ -356,6 +356,8 @@ def test_the_interface_is_shown_with_every_example(chromium, live_service):
         assert titles == [
             "Example of 200, text/csv",
             "Example of 200, application/json: json",
+            "Example of 200, application/json: scores",
+            "Example of 200, application/json: sujson",
             "Example of 200, application/json: sureal",
         ]
 
