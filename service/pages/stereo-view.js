@@ -98,6 +98,11 @@ void main() {
   }
 }`;
 
+/** Pictures of each video that are kept: as far apart as two of one frame may come. */
+const KEPT = 4;
+
+const UNITS = ["result", "before"];
+
 const MODES = { sbs: 0, tab: 1, anaglyph: 2, left: 3, right: 3, compare: 4 };
 
 export class StereoView {
@@ -106,7 +111,8 @@ export class StereoView {
     this.options = { mode: "sbs", half: false, swap: false, wipe: 0.5, zoom: 1, eye: "left",
       centre: [0.5, 0.5] };
     this.tracks = null;
-    this.hasBefore = false;
+    this.hasBefore = false; // whether the last drawing had both, of one frame
+    this.shownFrame = null;
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => this.#begin());
     this.#begin();
@@ -132,20 +138,30 @@ export class StereoView {
     gl.linkProgram(this.program);
     gl.useProgram(this.program);
     gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
-    this.textures = ["result", "before"].map((name, unit) => {
-      const texture = gl.createTexture();
-      gl.activeTexture(gl.TEXTURE0 + unit);
-      gl.bindTexture(gl.TEXTURE_2D, texture);
-      for (const [key, value] of [[gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T,
-        gl.CLAMP_TO_EDGE], [gl.TEXTURE_MIN_FILTER, gl.LINEAR], [gl.TEXTURE_MAG_FILTER, gl.LINEAR]]) {
-        gl.texParameteri(gl.TEXTURE_2D, key, value);
-      }
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE,
-        new Uint8Array([0, 0, 0, 255]));
+    this.kept = { result: [], before: [] };
+    UNITS.forEach((name, unit) => {
+      this.#bind(unit, this.#texture());
       gl.uniform1i(gl.getUniformLocation(this.program, name), unit);
-      return texture;
     });
     this.places = new Proxy({}, { get: (_, name) => gl.getUniformLocation(this.program, name) });
+  }
+
+  #bind(unit, texture) {
+    this.gl.activeTexture(this.gl.TEXTURE0 + unit);
+    this.gl.bindTexture(this.gl.TEXTURE_2D, texture);
+  }
+
+  #texture() {
+    const gl = this.gl;
+    const texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    for (const [key, value] of [[gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T,
+      gl.CLAMP_TO_EDGE], [gl.TEXTURE_MIN_FILTER, gl.LINEAR], [gl.TEXTURE_MAG_FILTER, gl.LINEAR]]) {
+      gl.texParameteri(gl.TEXTURE_2D, key, value);
+    }
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE,
+      new Uint8Array([0, 0, 0, 255]));
+    return texture;
   }
 
   /** Say what the videos hold: `{ result, before, sampling }` as the service describes them. */
@@ -154,20 +170,49 @@ export class StereoView {
     this.sampling = sampling;
   }
 
-  /** Take a picture of a video (or image) as the result or as what it is compared with. */
-  take(name, source) {
+  /** Take a picture of a video (or image), of a frame by number, as the result or as `before`. */
+  take(name, source, frame) {
     const gl = this.gl;
-    const unit = name === "result" ? 0 : 1;
-    gl.activeTexture(gl.TEXTURE0 + unit);
-    gl.bindTexture(gl.TEXTURE_2D, this.textures[unit]);
+    const kept = this.kept[name];
+    const same = kept.findIndex((picture) => picture.frame === frame);
+    const most = this.options.mode === "compare" ? KEPT : 1;
+    const [spare, ...rest] = same >= 0 ? kept.splice(same, 1) : kept.splice(most - 1);
+    for (const { texture } of rest) gl.deleteTexture(texture);
+    const texture = spare?.texture ?? this.#texture();
+    this.#bind(UNITS.indexOf(name), texture);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, source);
-    if (unit) this.hasBefore = true;
+    kept.unshift({ frame, texture });
+  }
+
+  /** Let go of the pictures of a video. */
+  forget(name) {
+    for (const { texture } of this.kept?.[name].splice(0) ?? []) this.gl.deleteTexture(texture);
+    if (name === "before") this.hasBefore = false;
+    else this.shownFrame = null;
+  }
+
+  /** The newest result of whose frame `before` has come too; the newest of all where there is none. */
+  #pair() {
+    const { result, before } = this.kept;
+    if (this.options.mode === "compare") {
+      for (const one of result) {
+        const other = before.find(({ frame }) => frame === one.frame);
+        if (other) return [one, other];
+      }
+    }
+    return [result[0], null];
   }
 
   draw() {
     const { gl, options, tracks } = this;
     const track = tracks?.result;
     if (!gl || !track) return;
+    const [result, before] = this.#pair();
+    if (!result) return;
+    this.hasBefore = Boolean(before);
+    this.shownFrame = result.frame;
+    this.#bind(0, result.texture);
+    if (before) this.#bind(1, before.texture);
     const stereo = track.layout === "sbs";
     let [width, height] = [track.eye_width, track.eye_height];
     if (options.mode === "sbs" && !options.half) width *= 2;
@@ -178,10 +223,9 @@ export class StereoView {
     }
     gl.viewport(0, 0, width, height);
     const even = (size) => size + (size % 2);
-    const before = tracks.before ?? track;
-    const compare = options.mode === "compare" && this.hasBefore;
+    const observed = tracks.before ?? track;
     const at = this.places;
-    gl.uniform1i(at.mode, options.mode === "compare" && !compare ? 3 : MODES[options.mode]);
+    gl.uniform1i(at.mode, options.mode === "compare" && !before ? 3 : MODES[options.mode]);
     gl.uniform1i(at.stereo, stereo);
     gl.uniform1i(at.swapped, options.swap);
     gl.uniform1i(at.eye, (options.mode === "compare" ? options.eye : options.mode) === "right" ? 1 : 0);
@@ -191,8 +235,8 @@ export class StereoView {
     gl.uniform2f(at.canvas, width, height);
     gl.uniform2f(at.eyeSize, track.eye_width, track.eye_height);
     gl.uniform2f(at.eyePitch, even(track.eye_width), 0);
-    gl.uniform2f(at.beforeSize, before.eye_width, before.eye_height);
-    gl.uniform2f(at.beforePitch, even(before.eye_width), 0);
+    gl.uniform2f(at.beforeSize, observed.eye_width, observed.eye_height);
+    gl.uniform2f(at.beforePitch, even(observed.eye_width), 0);
     gl.uniform1i(at.decimated, this.sampling === "decimation");
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }

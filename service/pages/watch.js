@@ -53,22 +53,27 @@ function standing(video) {
   }
 }
 
-/** Draw what a video holds; the number that is said is that of the very picture drawn. */
+/** Draw what videos hold; the number that is said is that of the very pictures drawn. */
 function show(name) {
   if (!view.works || !videos[name].videoWidth || !seen.tracks.result) return;
   const picture = standing(videos[name]);
   if (!picture) return;
-  view.take(name, picture.image);
-  if (name === "before") showTags();
+  view.take(name, picture.image,
+    picture.time === null ? null : Math.round(picture.time * seen.tracks.result.fps));
+  picture.close();
   if (name === "result") {
     drawn += 1;
-    shownFrame = picture.time === null ? null : Math.round(picture.time * seen.tracks.result.fps);
     place("message").hidden = true;
     keepTogether();
   }
-  picture.close();
+  draw();
+}
+
+function draw() {
   view.draw();
-  showPlace();
+  showTags();
+  shownFrame = view.shownFrame;
+  if (players.result) showPlace();
 }
 
 /** Let the compared picture show the same frame. */
@@ -92,7 +97,7 @@ function keepTogether() {
 function shut(name) {
   players[name]?.close();
   delete players[name];
-  if (name === "before") view.hasBefore = false;
+  view.forget(name);
 }
 
 function open(name) {
@@ -226,8 +231,7 @@ function choose(changes) {
   if (mode === "compare" && !players.before && !stills) open("before");
   if (mode !== "compare" && players.before) shut("before");
   if (mode === "compare") keepTogether();
-  showTags();
-  view.draw();
+  draw();
 }
 
 /** Say which half is what, where there are two. */
@@ -267,9 +271,14 @@ function showSought(tries = TRIES) {
   if (!seen.tracks.result) return; // a stream that has been stopped
   const video = videos.result;
   const sought = Math.floor(video.currentTime * seen.tracks.result.fps + 1e-3) - (video.ended ? 1 : 0);
-  show("result");
+  for (const name of Object.keys(players)) show(name);
   clearTimeout(looking);
-  if (!video.paused || shownFrame === null || shownFrame === sought || !tries) return;
+  if (!video.paused || shownFrame === null || shownFrame === sought) return;
+  if (!tries) {
+    view.forget("before"); // it holds another frame
+    draw();
+    return;
+  }
   looking = setTimeout(() => showSought(tries - 1), LOOK_AGAIN);
 }
 for (const name of ["seeked", "ended"]) videos.result.addEventListener(name, () => showSought());
