@@ -20,7 +20,7 @@ from pipeline.effort import FULL, Effort, nearest_views
 from pipeline.errors import ConfigurationError, Interrupted, SceneError
 from pipeline.frames import ChromaImage, GreyImage, MultiViewFrame, RegisteredView, View
 from pipeline.grid import Grid
-from pipeline.noise import estimate_noise_of_views
+from pipeline.noise import estimate_noise
 from pipeline.reconstruction.again import Due, fuse_again
 from pipeline.reconstruction.coverage import phase_coverage
 from pipeline.reconstruction.fused import (
@@ -239,7 +239,7 @@ def register_frame(
         widened, added = with_neighbours(frame, neighbours, sources)
     observed = (*sources, *added)
     views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
-    noise = noise_of(frame, settings, sources)
+    noise = (memory or Memory()).noise(frame, settings, sources)
     if psf is None:
         if settings.psf == "auto":
             raise ConfigurationError("--psf auto: no estimate was made before the first frame")
@@ -255,7 +255,7 @@ def register_frame(
         is_cut = any(match.is_cut for match in matches.values())
         if is_cut and memory is not None:
             memory.forget()
-            matches = {}
+            matches, noise = {}, memory.noise(frame, settings, sources)
         if memory is not None:
             frame = memory.averaged(frame, noise)
             if not added:
@@ -367,11 +367,25 @@ class Memory:
         self._found_in = self._last = -1
         self._observed: dict[str, GreyImage] = {}
         self.still: dict[str, Still] = {}
+        self._noise: dict[str, float] = {}
+
+    def noise(self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]) -> float:
+        """Return the noise of the settings, or that of the frame's views, grey levels.
+
+        Of a chain's frames after the first, one view is looked at, another one in each.
+        """
+        if settings.noise_sigma is not None:
+            return settings.noise_sigma
+        new = [name for name in view_ids if name not in self._noise]
+        due = new or [view_ids[frame.frame_index % len(view_ids)]]
+        found = map_threads(estimate_noise, [frame.view(name).luma for name in due])
+        self._noise = {**self._noise, **dict(zip(due, found, strict=True))}
+        return float(np.median([self._noise[name] for name in view_ids]))
 
     def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
         """Take note of a frame that is not computed."""
         names = [view.view_id for view in frame.views]
-        self.averaged(frame, noise_of(frame, settings, names))
+        self.averaged(frame, self.noise(frame, settings, names))
 
     def averaged(self, frame: MultiViewFrame, noise: float) -> MultiViewFrame:
         """Return the frame with what stands still averaged over the frames before."""
@@ -428,6 +442,7 @@ class Memory:
         )
         both._observed = {**self._observed, **other._observed}
         both.still = {**other.still, **self.still}
+        both._noise = {**other._noise, **self._noise}
         both._solved = {**self._solved, **other._solved}
         return both
 
@@ -446,7 +461,7 @@ class Memory:
             registrations={target: self.previous.registrations[target] for target in targets},
         )
         part._observed = {target: self._observed[target] for target in targets}
-        part.still = self.still
+        part.still, part._noise = self.still, self._noise
         part._solved = {
             target: image for target, image in self._solved.items() if target in targets
         }
@@ -477,13 +492,6 @@ class _Stages:
         self._begin = now
         if self._stop is not None and self._stop():
             raise Interrupted
-
-
-def noise_of(frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]) -> float:
-    """Return the noise of the settings, or that of the frame's views, grey levels."""
-    if settings.noise_sigma is not None:
-        return settings.noise_sigma
-    return estimate_noise_of_views([frame.view(view_id) for view_id in view_ids])
 
 
 def given_psf(settings: Settings) -> GaussianPsf:
@@ -737,7 +745,7 @@ def _solve(
     density = np.zeros(shape, np.float32)
     for (x, y), weight in zip(points, weights, strict=True):
         _count_nearest(x, y, weight, density)
-    _, misfits = left_over(swept.estimate, taps, points, registered, swept.flags, weights)
+    _, misfits = left_over(swept.estimate, taps, grid, registered, swept.flags, weights)
     return FusedResult(
         estimate=swept.estimate,
         weights=weights,
@@ -769,17 +777,14 @@ def _view_report(
     weight: GreyImage,
     misfit: float,
 ) -> ViewReport:
-    has_motion = np.isfinite(view.position[..., 0])
-    magnitudes = np.where(
-        some_rows(has_motion), some_rows(view.registration_weights), np.float32(np.nan)
-    )
+    rejections = count_rejections(flags)
     return ViewReport(
         view_id=view.view_id,
-        registered_fraction=np.count_nonzero(has_motion) / has_motion.size,
-        verified_fraction=np.count_nonzero(flags == 0) / flags.size,
+        registered_fraction=1 - rejections["no_motion"] / flags.size,
+        verified_fraction=1 - np.count_nonzero(flags) / flags.size,
         weight_fraction=float(weight.mean()),
-        rejections=count_rejections(flags),
-        median_absolute_weight=median_magnitude(magnitudes),
+        rejections=rejections,
+        median_absolute_weight=median_magnitude(some_rows(view.registration_weights)),
         residual_rms=misfit,
     )
 

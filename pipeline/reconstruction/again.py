@@ -14,7 +14,6 @@ from pipeline.reconstruction.fused import (
     FusedResult,
     FusedTuning,
     fuse,
-    landing_points,
     left_over,
 )
 from pipeline.reconstruction.parts import Box, covering_boxes, cut_views, put_back, widened
@@ -102,9 +101,8 @@ def fuse_again(
             for index, (view, place) in enumerate(zip(registered, cut.places, strict=True)):
                 put_back(solved.weights[index], weights[index], place, view.position, box)
                 put_back(solved.flags[index], flags[index], place, view.position, box)
-    points = [landing_points(view, grid) for view in registered]
     misfit, misfits = left_over(
-        estimate, sampling_taps(psf, grid), points, registered, flags, weights
+        estimate, sampling_taps(psf, grid), grid, registered, flags, weights
     )
     return FusedResult(
         estimate=estimate,

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.frames import GreyImage, RegisteredView, Rejection
+from pipeline.frames import GreyImage, Positions, RegisteredView, Rejection
 from pipeline.grid import Grid
 from pipeline.reconstruction import agreement
 from pipeline.reconstruction.psf import Psf, SeparableTaps, psf_taps, sampling_taps
@@ -289,7 +289,7 @@ def fuse(
     residuals: tuple[float, ...] = ()
     misfits: tuple[float, ...] = ()
     if judged:
-        misfit, misfits = left_over(estimate, taps, points, registered, flags, weights)
+        misfit, misfits = left_over(estimate, taps, grid, registered, flags, weights)
         residuals = (misfit,)
     return FusedResult(
         estimate=estimate,
@@ -311,7 +311,7 @@ def some_rows(image: npt.NDArray[Pixel]) -> npt.NDArray[Pixel]:
 def left_over(
     estimate: HrImage,
     taps: SeparableTaps,
-    points: Sequence[tuple[HrImage, HrImage]],
+    grid: Grid,
     registered: Sequence[RegisteredView],
     flags: Sequence[npt.NDArray[np.uint8]],
     weights: Sequence[GreyImage],
@@ -319,16 +319,11 @@ def left_over(
     """Return the RMS of observed − simulated, grey: weighted, and of each view's trusted pixels.
 
     Measured on :func:`some_rows`. A view of which none is trusted has NaN.
-
-    Parameters
-    ----------
-    points : sequence of ((H, W), (H, W)) float32
-        Where each view's pixels land, HR pixels.
     """
     coefficients = spline_coefficients(estimate, taps)
 
     def compare(index: int) -> tuple[float, float, float, float]:
-        x, y = (some_rows(place) for place in points[index])
+        x, y = _on_hr_grid(some_rows(registered[index].position), grid)
         return agreement.left_over(
             sample(coefficients, x, y), some_rows(registered[index].observed),
             some_rows(flags[index]), some_rows(weights[index]),
@@ -347,5 +342,9 @@ def left_over(
 
 def landing_points(view: RegisteredView, grid: Grid) -> tuple[HrImage, HrImage]:
     """Return x and y of a view's landing points, HR pixels."""
-    x, y = grid.to_hr(view.position)
+    return _on_hr_grid(view.position, grid)
+
+
+def _on_hr_grid(position: Positions, grid: Grid) -> tuple[HrImage, HrImage]:
+    x, y = grid.to_hr(position)
     return np.ascontiguousarray(x), np.ascontiguousarray(y)

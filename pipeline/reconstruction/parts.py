@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -154,11 +155,10 @@ def cut_views(registered: Sequence[RegisteredView], boxes: Sequence[Box]) -> lis
 
 
 def _cut(view: RegisteredView, place: Box, box: Box) -> RegisteredView:
-    origin = np.array([box[1].start, box[0].start], np.float32)
     return replace(
         view,
         observed=np.ascontiguousarray(view.observed[place]),
-        position=view.position[place] - origin,
+        position=cv2.subtract(view.position[place], (box[1].start, box[0].start, 0, 0)),
         registration_weights=view.registration_weights[place],
         flags=view.flags[place],
         confidence=view.confidence[place],

@@ -19,7 +19,7 @@ from numba import njit
 from pipeline.frames import Mask
 from pipeline.registration import motions, window_kernels
 from pipeline.registration.method import MotionModel
-from pipeline.registration.motions import FITTED, FittedMotions
+from pipeline.registration.motions import FITTED, FittedMotions, Pass
 from pipeline.registration.patches import Windows
 from pipeline.registration.prepare import PreparedView
 from pipeline.registration.records import ViewRegistration
@@ -36,13 +36,14 @@ from pipeline.registration.window_fits import (
     windows_of,
 )
 from pipeline.registration.windows import (
-    LAST_PASSES,
-    MIDDLE_PASSES,
     MIN_SUPPORT,
     SPACING,
     WindowFit,
     cut_view,
 )
+
+PASSES = (Pass(level=0, iterations=2, stride=2), Pass(level=0, iterations=1))
+"""Where a fit is started from the rig's own motion, it is soon there."""
 
 CHANGE_BOX = 5
 """Side of the box over which the difference of two frames is judged, LR pixels."""
@@ -128,7 +129,7 @@ def register_again(
     start[:, motions.OFFSET] = prior.offset_mean
     start[~fitted] = merged.motion[~fitted]
     fit, samples = fit_windows(
-        source, reference, windows_of(merged), start, MIDDLE_PASSES + LAST_PASSES, prior,
+        source, reference, windows_of(merged), start, PASSES, prior,
         motions.parallax_directions(merged.patches, parallax), noise=noise,
         min_support=MIN_SUPPORT, before=(merged, fitted),
     )  # fmt: skip

@@ -61,7 +61,7 @@ class BlockMatch:
 
     def matched_pixels(self, shape: tuple[int, int]) -> Mask:
         """Return whether the block of each LR pixel is matched, (H, W)."""
-        return _spread(self.matched, shape, 1, 1)
+        return _spread(self.matched, shape)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -119,10 +119,10 @@ def match_blocks(now: GreyImage, before: GreyImage, noise: float) -> BlockMatch:
     variance = 2 * noise**2
     limit = 1.5 * variance + TOLERATED**2
     _match(now, before, REACH, BLOCK, limit, motion, matched)
-    x, y = _sources(motion, (height, width), 1, 1)
+    x, y = _sources(motion, (height, width))
     away = now - before[y, x]
     # what does not match starts cold already and must not spoil its neighbours
-    away[~_spread(matched, (height, width), 1, 1)] = 0
+    away[~_spread(matched, (height, width))] = 0
     local = cv2.blur(away * away, (3, 3), borderType=cv2.BORDER_REFLECT)
     bad = local > 2.5 * variance + 2 * TOLERATED**2
     padded = np.zeros((rows * BLOCK, columns * BLOCK), bool)
@@ -131,23 +131,18 @@ def match_blocks(now: GreyImage, before: GreyImage, noise: float) -> BlockMatch:
     return BlockMatch(motion=motion, matched=matched)
 
 
-def _spread(
-    values: npt.NDArray, shape: tuple[int, int], factor_x: int, factor_y: int
-) -> npt.NDArray:
-    """Return the value of each pixel's block, (H, W), of a picture so many times finer than LR."""
-    rows = np.repeat(values, BLOCK * factor_y, axis=0)
-    return np.repeat(rows, BLOCK * factor_x, axis=1)[: shape[0], : shape[1]]
+def _spread(values: npt.NDArray, shape: tuple[int, int]) -> npt.NDArray:
+    """Return the value of each LR pixel's block, (H, W)."""
+    return np.repeat(np.repeat(values, BLOCK, axis=0), BLOCK, axis=1)[: shape[0], : shape[1]]
 
 
 def _sources(
-    motion: npt.NDArray[np.int32], shape: tuple[int, int], factor_x: int, factor_y: int
+    motion: npt.NDArray[np.int32], shape: tuple[int, int]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return where each pixel of a picture of ``shape`` came from: columns and rows, (H, W)."""
+    """Return where each LR pixel of a picture came from: columns and rows, (H, W)."""
     height, width = shape
-    u = _spread(motion[..., 0] * factor_x, shape, factor_x, factor_y)
-    v = _spread(motion[..., 1] * factor_y, shape, factor_x, factor_y)
-    x = np.arange(width)[None, :] + u
-    y = np.arange(height)[:, None] + v
+    x = np.arange(width)[None, :] + _spread(motion[..., 0], shape)
+    y = np.arange(height)[:, None] + _spread(motion[..., 1], shape)
     return np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
 
 
@@ -167,8 +162,27 @@ def warped(
         The previous frame's result, which matched blocks take moved, and the cold start, which
         the others take.
     """
-    shape = previous.shape
-    across, down = grid.magnification_x, grid.magnification_y
-    x, y = _sources(match.motion, (shape[0], shape[1]), across, down)
-    take = _spread(match.matched, (shape[0], shape[1]), across, down)
-    return np.where(take, previous[y, x], cold)
+    start = np.empty_like(previous)
+    _warp(
+        match.motion, match.matched, previous, cold, grid.magnification_x, grid.magnification_y,
+        start,
+    )  # fmt: skip
+    return start
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _warp(motion, matched, previous, cold, across, down, out):  # type: ignore[no-untyped-def]
+    """Write the blocks: those matched from the previous picture, moved, the others cold."""
+    height, width = out.shape
+    for row in range(matched.shape[0]):
+        y0, y1 = row * BLOCK * down, min((row + 1) * BLOCK * down, height)
+        for column in range(matched.shape[1]):
+            x0, x1 = column * BLOCK * across, min((column + 1) * BLOCK * across, width)
+            if not matched[row, column]:
+                out[y0:y1, x0:x1] = cold[y0:y1, x0:x1]
+                continue
+            u, v = motion[row, column, 0] * across, motion[row, column, 1] * down
+            for y in range(y0, y1):
+                at = min(max(y + v, 0), height - 1)
+                for x in range(x0, x1):
+                    out[y, x] = previous[at, min(max(x + u, 0), width - 1)]

@@ -11,6 +11,8 @@ import pytest
 from pipeline.config import Settings
 from pipeline.errors import Interrupted
 from pipeline.metrics import psnr
+from pipeline.noise import estimate_noise_of_views
+from pipeline.superresolve import Memory
 from pipeline.synthetic import SampleScene
 from pipeline.temporal.initial import match_blocks
 from pipeline.worker import Worker
@@ -143,6 +145,23 @@ def test_an_eye_at_half_rate_goes_on_from_its_own_last_frame(frames):
     again = worker.take(frames[3])
     assert {target.view_id for target in again.report.targets} == set(TARGETS)
     assert len(worker._memories) == 1, "both eyes stand at the same frame"
+
+
+def test_the_noise_of_a_chain_is_followed_view_by_view(frames):
+    """All views are looked at in its first frame, then one in each."""
+    memory, settings, names = Memory(), Settings(), SCENE.view_ids
+    quiet = estimate_noise_of_views(frames[0].views)
+    assert memory.noise(frames[0], settings, names) == quiet
+    loud = SCENE.frame(0, noise_sigma=3 * NOISE)
+    found = [
+        memory.noise(replace(loud, frame_index=number), settings, names)
+        for number in range(1, 1 + len(names))
+    ]
+    assert found == sorted(found)
+    assert found[0] < 1.5 * quiet
+    assert found[-1] == estimate_noise_of_views(loud.views)
+    memory.forget()
+    assert memory.noise(frames[0], settings, names) == quiet
 
 
 def test_a_view_that_comes_back_is_registered_and_the_others_stay_warm(frames):
