@@ -4,6 +4,7 @@
 # make soak    2,000 frames: memory flat, quality steady (docs/soak.md); the service under load
 # make quality the tables of quality; DEPTHSR_SCENES names the folder of the real scenes
 # make report everything that `depthsr evaluate all` measures, on the same scenes (docs/measured.md)
+# make learn   the learned filters anew, from photographs of scikit-image's package
 # make peers   packages of other projects that `depthsr evaluate all` compares with (.peers/)
 # make lint    format and lint alone
 # make types   static types
@@ -12,7 +13,7 @@
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: demo test bench soak quality report peers lint types lock system clean
+.PHONY: demo test bench soak quality report learn peers lint types lock system clean
 
 PYTHON ?= python3
 JOBS ?= 2
@@ -49,6 +50,13 @@ REPORT_SCENES := lytro_2067 flower cones art kitti
 report: $(RUN) $(PEERS) $(BTV_L1)
 	$(BIN)/depthsr evaluate all $(addprefix $(DEPTHSR_SCENES)/,$(REPORT_SCENES)) sample \
 		-o report --page docs/measured.md
+
+# Its photographs alone are used: those that this version has in its package.
+.learn/skimage: | $(RUN)
+	$(PIP) install --no-deps --target .learn scikit-image==0.26.0
+
+learn: $(RUN) .learn/skimage
+	$(BIN)/python -m benchmarks.learn .learn/skimage/data
 
 # Beside the environment, without their dependencies: those hold another OpenCV.
 EXTRA := import tomllib; \

@@ -89,6 +89,10 @@ class Settings:
     solver: str = setting(
         "fused", "reconstruction method", choices=tuple(solver.value for solver in Solver)
     )
+    filters: str = setting(
+        "learned", "what corrects the fused result and its initial estimate (K = 2)",
+        choices=("learned", "none"),
+    )  # fmt: skip
     sweeps: int = setting(8, "sweeps over all constraints (pocs solvers)", unit="sweeps")
     residual_bound: float | None = setting(
         None, "δ₀ of Eq. 7 (default: twice the noise)", unit="grey levels"

@@ -20,22 +20,24 @@ from pipeline.effort import FULL, Effort, nearest_views
 from pipeline.errors import ConfigurationError, Interrupted, SceneError
 from pipeline.frames import ChromaImage, GreyImage, MultiViewFrame, RegisteredView, View
 from pipeline.grid import Grid
+from pipeline.learned_filters import learned_filters
 from pipeline.noise import estimate_noise
 from pipeline.reconstruction.again import Due, fuse_again
 from pipeline.reconstruction.coverage import phase_coverage
 from pipeline.reconstruction.fused import (
     FusedResult,
     FusedTuning,
+    estimate_alone,
     fuse,
     initial_estimate,
     landing_points,
     left_over,
     some_rows,
 )
+from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.median import median_magnitude
 from pipeline.reconstruction.pocs import pocs
 from pipeline.reconstruction.psf import BicubicPsf, GaussianPsf, Psf, psf_axes, sampling_taps
-from pipeline.reconstruction.restoration import restored
 from pipeline.registration.layers import layer_labels, layer_thresholds
 from pipeline.registration.method import METHODS, Layout, RegistrationMethod
 from pipeline.registration.prepare import PreparedView
@@ -73,7 +75,7 @@ NOTHING_NEW = 5.0
 WARM = FusedTuning(alone=0.0, together=4)
 """Work from the previous frame's result; see :class:`FusedTuning` for that from a cold start."""
 
-NEW = FusedTuning(alone=0.0, together=9)
+NEW = FusedTuning(alone=0.0, together=14, settled=0.08)
 """The same where the previous frame does not show it."""
 
 STILL = FusedTuning(alone=0.0, together=2)
@@ -500,6 +502,13 @@ def given_psf(settings: Settings) -> GaussianPsf:
     return GaussianPsf.of(sigma, settings.psf_support)
 
 
+def chosen_filters(settings: Settings, psf: Psf, noise: float) -> LearnedFilters | None:
+    """Return the learned filters of the settings, None where there are none."""
+    if settings.filters == "none" or settings.solver != Solver.FUSED:
+        return None
+    return learned_filters(settings.grid, psf.sigma, noise)
+
+
 def chosen_method(settings: Settings) -> RegistrationMethod:
     """Return the registration method of the settings, with L and R where they are given."""
     method = METHODS[settings.registration]
@@ -589,10 +598,11 @@ def _reconstruct(
     reference, registrations = frame.frame.view(target), frame.registrations[target]
     registered = [registration.registered for registration in registrations]
     lr_shape = reference.luma.shape
+    learned = chosen_filters(settings, frame.psf, frame.noise)
     start, choice = None, StartChoice(warm_share=0.0, is_cut=frame.is_cut)
     if previous is not None:
         match = frame.matches[target]
-        cold = restored(reference.luma, grid, frame.psf, frame.noise)
+        cold = estimate_alone(reference.luma, grid, frame.psf, frame.noise, learned)
         start = warped(match, previous.result.estimate, cold, grid)
         choice = match.choice
     views = tuple(view.view_id for view in registered)
@@ -609,7 +619,7 @@ def _reconstruct(
     else:
         solved = _solve(
             settings, frame.psf, frame.noise, registered, grid,
-            (lr_shape[0], lr_shape[1]), stop, start, frame.effort.steps,
+            (lr_shape[0], lr_shape[1]), stop, start, learned, frame.effort.steps,
         )  # fmt: skip
     if stop is not None and stop():
         raise Interrupted
@@ -654,7 +664,10 @@ def _reconstruct(
             layer_labels=frame.layers,
             contribution_count=solved.density,
         )
-    image = SuperResolvedImage(view_id=reference.view_id, luma=np.clip(solved.estimate, 0.0, 255.0))
+    luma = solved.estimate
+    if learned is not None:
+        luma = learned.finished(luma, solved.density)
+    image = SuperResolvedImage(view_id=reference.view_id, luma=np.clip(luma, 0.0, 255.0))
     kept = Solved(result=solved, views=views, frames=_frames_solved(frame, target, previous, due))
     return _Target(image=image, report=report, debug=debug, solved=kept)
 
@@ -719,6 +732,7 @@ def _solve(
     lr_shape: tuple[int, int],
     stop: Callable[[], bool] | None,
     start: GreyImage | None,
+    learned: LearnedFilters | None,
     steps: int | None,
 ) -> FusedResult:
     """Run the chosen solver; a POCS result is brought into the same form."""
@@ -727,7 +741,7 @@ def _solve(
         return fuse(
             registered, grid, lr_shape, psf,
             noise=noise, residual_threshold=residual_threshold, stop=stop,
-            start=start, tuning=None if start is None else WARM, most_steps=steps,
+            start=start, tuning=None if start is None else WARM, learned=learned, most_steps=steps,
         )  # fmt: skip
     own = next(view for view in registered if view.is_reference)
     shape = grid.hr_shape(lr_shape)
@@ -853,8 +867,8 @@ def _chroma(
             if other.chroma is not None
         )
         result = superresolve(
-            replace(frame, views=views), replace(settings, noise_sigma=None), targets=(target,),
-            observed_views=tuple(sources), psf=psf,
+            replace(frame, views=views), replace(settings, noise_sigma=None, filters="none"),
+            targets=(target,), observed_views=tuple(sources), psf=psf,
         )  # fmt: skip
         planes.append(result.images[target].luma)
     return np.stack(planes, axis=-1)

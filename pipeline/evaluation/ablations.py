@@ -29,6 +29,7 @@ from pipeline.reconstruction.fused import FusedTuning, fuse
 from pipeline.registration.method import METHODS, MotionModel, RegistrationMethod
 from pipeline.registration.register import Thresholds, prepare_views, register_views
 from pipeline.superresolve import (
+    chosen_filters,
     default_residual_threshold,
     default_weight_threshold,
     given_psf,
@@ -58,6 +59,8 @@ class Variant:
     """Every pixel that has a motion counts as verified."""
     calibration: bool = True
     """False: the cameras' calibration is withheld."""
+    filters: str = "learned"
+    """As of the settings."""
     num_views: int | None = None
     """So many views around the stereo pair; None: all. 1: the left eye alone."""
 
@@ -84,6 +87,8 @@ def pieces() -> list[Variant]:
         Variant(
             name="no agreement weights", tuning=replace(tuning, agreement=(NO_LIMIT, 0.0))
         ),
+        Variant(name="no learned filters", filters="none"),
+        Variant(name="landing points not corrected", tuning=replace(tuning, agreeing=0.0)),
         Variant(name="no prior", tuning=replace(tuning, prior_strength=1e-6)),
         Variant(
             name="no prior, stopped early",
@@ -195,11 +200,16 @@ def _fused(registered: _Registered, settings: Settings, variant: Variant) -> np.
     views = registered.views
     if variant.trust_all:
         views = [_believed(view) for view in views]
-    return fuse(
-        views, settings.grid, registered.lr_shape, given_psf(settings), noise=noise,
+    psf = given_psf(settings)
+    learned = chosen_filters(replace(settings, filters=variant.filters), psf, noise)
+    result = fuse(
+        views, settings.grid, registered.lr_shape, psf, noise=noise,
         residual_threshold=NO_LIMIT if variant.trust_all else default_residual_threshold(noise),
-        tuning=variant.tuning,
-    ).estimate  # fmt: skip
+        tuning=variant.tuning, learned=learned,
+    )  # fmt: skip
+    if learned is None:
+        return result.estimate
+    return learned.finished(result.estimate, result.density)
 
 
 def _believed(view: RegisteredView) -> RegisteredView:

@@ -22,7 +22,12 @@ from pipeline.frames import GreyImage, MultiViewFrame, RegisteredView, Rejection
 from pipeline.metrics import psnr
 from pipeline.reconstruction.fused import fuse
 from pipeline.results import FrameResult
-from pipeline.superresolve import default_residual_threshold, given_psf, superresolve
+from pipeline.superresolve import (
+    chosen_filters,
+    default_residual_threshold,
+    given_psf,
+    superresolve,
+)
 from pipeline.synthetic import SampleScene, SampleTruth
 
 NOISE = 1.0
@@ -259,11 +264,15 @@ def _fused(
     frame: MultiViewFrame, registered: Sequence[RegisteredView], settings: Settings, noise: float
 ) -> GreyImage:
     """Return what the default solver makes of registered views, as ``superresolve`` calls it."""
+    psf = given_psf(settings)
+    learned = chosen_filters(settings, psf, noise)
     result = fuse(
-        registered, settings.grid, frame.lr_shape, given_psf(settings),
-        noise=noise, residual_threshold=default_residual_threshold(noise),
+        registered, settings.grid, frame.lr_shape, psf, noise=noise,
+        residual_threshold=default_residual_threshold(noise), learned=learned,
     )  # fmt: skip
-    return result.estimate
+    if learned is None:
+        return result.estimate
+    return learned.finished(result.estimate, result.density)
 
 
 def _compared(result: FrameResult, truth: SampleTruth, eyes: Mapping[str, str]) -> list[_Pixels]:

@@ -25,7 +25,9 @@ import numpy.typing as npt
 from pipeline.frames import GreyImage, Positions, RegisteredView, Rejection
 from pipeline.grid import Grid
 from pipeline.reconstruction import agreement
+from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.psf import Psf, SeparableTaps, psf_taps, sampling_taps
+from pipeline.reconstruction.realign import realigned
 from pipeline.reconstruction.restoration import restored
 from pipeline.reconstruction.system import HrImage, NormalEquations, sample, spline_coefficients
 from pipeline.threads import map_threads
@@ -51,6 +53,10 @@ Pixel = TypeVar("Pixel", bound=np.generic)
 
 SMALLEST_NOISE = 0.3
 """Noise below which nothing gets easier: the rounding of 8-bit input, grey levels."""
+
+CORRECTED_FROM = 1.0
+"""Noise from which landing points are corrected: with less of it, views differ by what no shift
+explains, grey levels."""
 
 SMALLEST_SIGMA = 0.5
 """σ_psf below which nothing changes, HR pixels."""
@@ -78,6 +84,8 @@ class FusedTuning:
     """σ of the low-pass on the prediction error, LR pixels."""
     box: int = 5
     """Side of the box over which its square is averaged, LR pixels."""
+    agreeing: float = 0.62
+    """Mean weight of what may have one, below which a view's landing points are corrected."""
     alone: float = 0.9
     """Conjugate-gradient steps from the reference alone, before the others are weighed, at noise
     1; in inverse proportion to the noise, rounded down."""
@@ -132,6 +140,16 @@ def initial_estimate(reference: GreyImage, grid: Grid) -> HrImage:
         reference, matrix, (width, height),
         flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
     )  # fmt: skip
+
+
+def estimate_alone(
+    reference: GreyImage, grid: Grid, psf: Psf, noise: float, learned: LearnedFilters | None
+) -> HrImage:
+    """Return the reference view enlarged and sharpened, and corrected by learned filters."""
+    estimate = restored(reference, grid, psf, max(noise, SMALLEST_NOISE))
+    if learned is None:
+        return estimate
+    return learned.of_one.apply(np.clip(estimate, 0.0, 255.0))
 
 
 def prior_strength(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
@@ -203,6 +221,7 @@ def fuse(
     residual_threshold: float,
     tuning: FusedTuning | None = None,
     start: HrImage | None = None,
+    learned: LearnedFilters | None = None,
     most_steps: int | None = None,
     judged: bool = True,
     stop: Callable[[], bool] | None = None,
@@ -221,6 +240,8 @@ def fuse(
         T_R, grey levels: pixels of other views predicted worse are left out (thesis §3.2).
     start : (K·H, K·W) float32, optional
         Initial estimate; default: the reference, enlarged and sharpened.
+    learned : LearnedFilters, optional
+        They correct the default initial estimate; the result is the caller's to finish.
     most_steps : int, optional
         Conjugate-gradient steps from all views, at most; default: as many as it takes.
     judged : bool
@@ -243,7 +264,9 @@ def fuse(
     own = registered[reference]
     ones = np.ones(lr_shape, np.float32)
     system = NormalEquations(shape, taps, psf_taps(psf, grid), float(own.observed.mean()))
-    estimate = start if start is not None else restored(own.observed, grid, psf, noise)
+    estimate = (
+        start if start is not None else estimate_alone(own.observed, grid, psf, noise, learned)
+    )
     stop_reason = "iterations"
 
     def solve(estimate: HrImage, plan: int, most: int | None) -> HrImage:
@@ -268,14 +291,25 @@ def fuse(
     flags = [view.flags.copy() for view in registered]
     if not is_alone:
         coefficients = spline_coefficients(estimate, taps)
+        is_correctable = learned is not None and noise >= CORRECTED_FROM
 
         def weigh(index: int) -> npt.NDArray[np.float32]:
             if index == reference:
                 return ones
-            return _weights(
-                sample(coefficients, *points[index]), registered[index].observed, noise, tuning,
-                residual_threshold, flags[index],
-            )  # fmt: skip
+            view = registered[index]
+
+            def agreeing() -> npt.NDArray[np.float32]:
+                flags[index] = view.flags.copy()
+                return _weights(
+                    sample(coefficients, *points[index]), view.observed, noise, tuning,
+                    residual_threshold, flags[index],
+                )  # fmt: skip
+
+            found = agreeing()
+            if is_correctable and found.mean() < tuning.agreeing * _possible(view):
+                points[index] = realigned(coefficients, points[index], view.observed, noise, grid)
+                found = agreeing()
+            return found
 
         weights = map_threads(weigh, range(len(registered)))
         system.gather(
@@ -301,6 +335,11 @@ def fuse(
         residuals=residuals,
         stop_reason=stop_reason,
     )
+
+
+def _possible(view: RegisteredView) -> float:
+    """Return the share of a view's pixels that may have a weight."""
+    return float(np.count_nonzero(view.flags & IMPOSSIBLE == 0)) / view.flags.size
 
 
 def some_rows(image: npt.NDArray[Pixel]) -> npt.NDArray[Pixel]:

@@ -202,6 +202,68 @@ def gather_regular(observed, level, column, taps_x, row, taps_y, rhs):
 
 
 @njit(**OPTIONS)
+def sum_gradients(coefficients, position_x, position_y, observed, scale, cell, sums):
+    """Add what a least-squares shift of each pixel is found from to the cell it lies in.
+
+    With g the gradient of the B-spline at a pixel's landing point and e the error of what it
+    predicts, weighted (1 + (e / scale)²)⁻²: g_x², g_x g_y, g_y², g_x e and g_y e.
+
+    Parameters
+    ----------
+    coefficients, position_x, position_y
+        As of :func:`sample_spline`.
+    observed : (H, W) float32
+        Grey levels.
+    scale : float32
+        Grey levels.
+    cell : int
+        Side of a cell, LR pixels.
+    sums : (5, ⌈H / cell⌉, ⌈W / cell⌉) float32
+        Added to.
+    """
+    height = coefficients.shape[0] - 4
+    width = coefficients.shape[1] - 4
+    half, one = np.float32(0.5), np.float32(1.0)
+    for row in range(observed.shape[0]):
+        for column in range(observed.shape[1]):
+            px = position_x[row, column]
+            py = position_y[row, column]
+            if not (px > -half and py > -half and px < width - half and py < height - half):
+                continue
+            cx = np.uint64(px + half)
+            cy = np.uint64(py + half)
+            tx = px - np.float32(cx)
+            ty = py - np.float32(cy)
+            x0 = half * (half - tx) * (half - tx)
+            x1 = np.float32(0.75) - tx * tx
+            x2 = half * (half + tx) * (half + tx)
+            y0 = half * (half - ty) * (half - ty)
+            y1 = np.float32(0.75) - ty * ty
+            y2 = half * (half + ty) * (half + ty)
+            a, b, c = cx + np.uint64(1), cx + np.uint64(2), cx + np.uint64(3)
+            above = coefficients[cy + np.uint64(1)]
+            own = coefficients[cy + np.uint64(2)]
+            below = coefficients[cy + np.uint64(3)]
+            u = x0 * above[a] + x1 * above[b] + x2 * above[c]
+            v = x0 * own[a] + x1 * own[b] + x2 * own[c]
+            w = x0 * below[a] + x1 * below[b] + x2 * below[c]
+            down = (half - ty) * (v - u) + (half + ty) * (w - v)
+            left = y0 * above[a] + y1 * own[a] + y2 * below[a]
+            middle = y0 * above[b] + y1 * own[b] + y2 * below[b]
+            right = y0 * above[c] + y1 * own[c] + y2 * below[c]
+            across = (half - tx) * (middle - left) + (half + tx) * (right - middle)
+            error = observed[row, column] - (y0 * u + y1 * v + y2 * w)
+            share = one / (one + (error / scale) ** 2)
+            share *= share
+            i, j = row // cell, column // cell
+            sums[0, i, j] += share * across * across
+            sums[1, i, j] += share * across * down
+            sums[2, i, j] += share * down * down
+            sums[3, i, j] += share * across * error
+            sums[4, i, j] += share * down * error
+
+
+@njit(**OPTIONS)
 def sample_spline(coefficients, position_x, position_y, row_lo, row_hi, out):
     """Write quadratic B-spline samples at HR positions into rows of ``out``; NaN outside.
 

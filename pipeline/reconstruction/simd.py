@@ -1,4 +1,4 @@
-"""Eight pixels at once: the four loops that the compiler does not vectorise by itself.
+"""Eight pixels at once: the loops that the compiler does not vectorise by itself.
 
 Each function here becomes a few vector instructions (LLVM's ``<8 x float>``, which any
 processor has or emulates); it is called from compiled loops only. Arrays are addressed by a
@@ -369,5 +369,42 @@ def bend_of_eight(typing_context, weights, at, plane, image, row, down, out, to)
         half = ir.Constant(_FLOATS, [0.5] * LANES)
         eight.store(eight.add(sums[0], eight.times(sums[1], half)), result, to)
         return context.get_dummy_value()
+
+    return signature, generate
+
+
+PATCH = 7
+"""Side of the patches of :func:`weigh_patch`, pixels."""
+
+
+@intrinsic
+def weigh_patch(typing_context, image, at, pitch, taps, first):
+    """Return the sum of a patch's pixels, each times its tap.
+
+    Parameters
+    ----------
+    image : float32 array
+    at, pitch : intp
+        Of the patch's first pixel; from row to row.
+    taps : float32 array
+        PATCH rows of LANES, the last lane zero.
+    first : intp
+        Of the first tap.
+    """
+    signature = types.float32(image, types.intp, types.intp, taps, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        eight = _Eight(builder)
+        pixels, weights = (_data(context, builder, signature, arguments, n) for n in (0, 3))
+        at, pitch, first = arguments[1], arguments[2], arguments[4]
+        total = _ZEROS
+        for row in range(PATCH):
+            where = builder.add(at, builder.mul(pitch, ir.Constant(pitch.type, row)))
+            line = eight.times(eight.load(pixels, where), eight.load(weights, first, LANES * row))
+            total = eight.add(total, line)
+        for half in (4, 2, 1):
+            turned = eight.choose(total, total, [(lane + half) % LANES for lane in range(LANES)])
+            total = eight.add(total, turned)
+        return builder.extract_element(total, ir.Constant(_WORD, 0))
 
     return signature, generate

@@ -1,0 +1,205 @@
+"""Learned filters: what is still missing of a picture, estimated from its surroundings.
+
+Not in the thesis. Each pixel gets a filter of 7 × 7 taps by what its surroundings look like:
+the direction, the strength and the coherence of its edges (the structure tensor), and how many
+views have seen it; a least-squares fit on pictures of which the truth is known says which taps
+(Y. Romano, J. Isidoro, P. Milanfar, RAISR, IEEE Trans. Computational Imaging 3(1), 2017). Here
+they correct two pictures: the linear restoration that the solver starts from, and what it has made
+of all views. They were learned by ``python -m benchmarks.learn``, for K = 2 and a grid of PSF and
+noise, between which they are interpolated.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.frames import GreyImage
+from pipeline.reconstruction import filter_kernels
+from pipeline.reconstruction.filter_kernels import ANGLES, COHERENCES, LOADS, STRENGTHS
+from pipeline.reconstruction.simd import LANES, PATCH
+from pipeline.threads import map_threads
+
+MAGNIFICATION = 2
+"""K that they were learned for."""
+
+RADIUS = PATCH // 2
+"""Of a patch, pixels."""
+
+SURROUNDINGS = 1.2
+"""σ of the window of the structure tensor, pixels; …"""
+
+WINDOW = 9
+"""… and its side."""
+
+NEIGHBOURHOOD = 2.0
+"""σ of the window over which views are counted, pixels."""
+
+ONE_VIEW = 0.0881
+"""Mean density that the pixels of one view make, per pixel."""
+
+TRUST = 0.65
+"""Share of its correction that a result gets: pictures are not those that were learned from."""
+
+BAND = 64
+"""Rows that one thread works on at once."""
+
+Taps = npt.NDArray[np.float32]
+"""(classes, 24): taps of the pixels before the middle one, row by row, which are those of the
+pixels opposite, too; that of the middle makes the sum zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilterBank:
+    """Filters by class, ready to be applied.
+
+    Parameters
+    ----------
+    taps : (classes, 24) float32
+    """
+
+    taps: Taps
+
+    @functools.cached_property
+    def kernels(self) -> npt.NDArray[np.float32]:
+        """(4 · classes, 56): whole filters, for each of the four mirrorings of a class."""
+        half = self.taps
+        rest = -2 * half.sum(axis=1, keepdims=True)
+        whole = np.concatenate((half, rest, half[:, ::-1]), axis=1).reshape(-1, PATCH, PATCH)
+        mirrored = (
+            whole, whole.transpose(0, 2, 1), whole[:, :, ::-1],
+            whole[:, :, ::-1].transpose(0, 2, 1),
+        )  # fmt: skip
+        padded = np.zeros((4, len(half), PATCH, LANES), np.float32)
+        for number, kernels in enumerate(mirrored):
+            padded[number, :, :, :PATCH] = kernels
+        return padded.reshape(4 * len(half), PATCH * LANES)
+
+    def apply(self, image: GreyImage, views: GreyImage | None = None) -> npt.NDArray[np.float32]:
+        """Return the image corrected, (H, W) float32.
+
+        Parameters
+        ----------
+        image : (H, W) float32
+            Grey levels.
+        views : (H, W) float32, optional
+            How many views observe what lies around each pixel; needed where the classes tell.
+        """
+        height, width = image.shape
+        padded = cv2.copyMakeBorder(image, RADIUS, RADIUS, RADIUS, RADIUS + 1, cv2.BORDER_REFLECT)
+        out = np.empty((height, width), np.float32)
+
+        def work(band: tuple[int, int]) -> None:
+            lo, hi = band
+            kinds = kinds_of(image, views, band)
+            filter_kernels.apply(padded[lo : hi + 2 * RADIUS], kinds, self.kernels, out[lo:hi])
+
+        map_threads(work, bands(height))
+        return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LearnedFilters:
+    """The filters for one PSF and noise."""
+
+    of_one: FilterBank
+    """For the linear restoration of one view."""
+    of_all: FilterBank
+    """For what the solver makes of all views."""
+
+    def finished(self, estimate: GreyImage, density: GreyImage) -> npt.NDArray[np.float32]:
+        """Return what the solver has made, corrected, (2·H, 2·W) float32.
+
+        Parameters
+        ----------
+        estimate, density : (2·H, 2·W) float32
+            See :class:`fused.FusedResult`.
+        """
+        image = np.clip(estimate, 0.0, 255.0)
+        finished = self.of_all.apply(image, views_seen(density))
+        return cv2.addWeighted(image, 1 - TRUST, finished, TRUST, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LearnedTables:
+    """The taps at a grid of PSF and noise."""
+
+    sigmas: npt.NDArray[np.float32]
+    """Ascending σ_psf, HR pixels."""
+    noises: npt.NDArray[np.float32]
+    """Ascending standard deviations, grey levels."""
+    of_one: npt.NDArray[np.float16]
+    of_all: npt.NDArray[np.float16]
+    """(sigmas, noises, classes, 24) each."""
+
+    def at(self, psf_sigma: float, noise: float) -> LearnedFilters:
+        """Return the filters there, interpolated; beyond the grid those at its ends."""
+        shares = [
+            (row, column, share * other)
+            for row, share in _neighbours(self.sigmas, psf_sigma)
+            for column, other in _neighbours(self.noises, noise)
+        ]
+
+        def mixed(table: npt.NDArray[np.float16]) -> FilterBank:
+            taps = np.zeros(table.shape[2:], np.float32)
+            for row, column, share in shares:
+                taps += share * table[row, column].astype(np.float32)
+            return FilterBank(taps)
+
+        return LearnedFilters(of_one=mixed(self.of_one), of_all=mixed(self.of_all))
+
+
+def _neighbours(nodes: npt.NDArray[np.float32], value: float) -> list[tuple[int, np.float32]]:
+    """Return the nodes on both sides of a value and their shares; the ends hold beyond them."""
+    place = float(np.interp(value, nodes, np.arange(nodes.size)))
+    first = min(int(place), nodes.size - 2)
+    share = np.float32(place - first)
+    return [(first, np.float32(1) - share), (first + 1, share)]
+
+
+def bands(height: int) -> Iterable[tuple[int, int]]:
+    """Return half-open row ranges that are worked on one by one."""
+    return [(lo, min(lo + BAND, height)) for lo in range(0, height, BAND)]
+
+
+def num_classes(tells_views: bool) -> int:
+    """Return how many classes there are, by whether they tell the number of views."""
+    loads = len(LOADS) + 1 if tells_views else 1
+    return ANGLES * (len(STRENGTHS) + 1) * (len(COHERENCES) + 1) * loads
+
+
+def kinds_of(
+    image: GreyImage, views: GreyImage | None, band: tuple[int, int]
+) -> npt.NDArray[np.int16]:
+    """Return the class of each pixel of some rows, and how it is mirrored."""
+    lo, hi = band
+    halo = WINDOW // 2 + 1
+    top, bottom = max(lo - halo, 0), min(hi + halo, len(image))
+    part, inner = image[top:bottom], slice(lo - top, hi - top)
+    across = cv2.Sobel(part, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
+    down = cv2.Sobel(part, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
+    tensor = (
+        cv2.GaussianBlur(product, (WINDOW, WINDOW), SURROUNDINGS)[inner]
+        for product in (across * across, across * down, down * down)
+    )
+    kinds = np.empty((hi - lo, image.shape[1]), np.int16)
+    filter_kernels.classify(
+        *tensor, (image if views is None else views)[lo:hi], int(views is not None), kinds,
+    )  # fmt: skip
+    return kinds
+
+
+def views_seen(density: GreyImage) -> npt.NDArray[np.float32]:
+    """Return how many views observe what lies around each HR pixel, (2·H, 2·W) float32.
+
+    Parameters
+    ----------
+    density : (2·H, 2·W) float32
+        See :class:`fused.FusedResult`.
+    """
+    return cv2.GaussianBlur(density, (0, 0), NEIGHBOURHOOD) * np.float32(1 / ONE_VIEW)

@@ -1,0 +1,151 @@
+"""Learned filters: nothing is invented where there is nothing, mirror images come out mirrored."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.learned_filters import learned_filters
+from pipeline.metrics import psnr
+from pipeline.reconstruction.fused import fuse
+from pipeline.reconstruction.learned import (
+    BAND,
+    FilterBank,
+    LearnedFilters,
+    kinds_of,
+    num_classes,
+    views_seen,
+)
+from pipeline.reconstruction.restoration import restored
+from pipeline.synthetic import SampleScene
+from pipeline.threads import set_threads, thread_count
+from tests.pipeline.reconstruction.test_fused import LR_SHAPE, PSF, _grid, _observe, _truth, _view
+
+MIRRORINGS = (
+    lambda image: image[:, ::-1], lambda image: image[::-1], lambda image: image.T,
+    lambda image: image[::-1, ::-1],
+)  # fmt: skip
+
+
+def _filters(noise: float = 2.0) -> LearnedFilters:
+    found = learned_filters(_grid(), PSF.sigma, noise)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("noise", [0.0, 3.0, 20.0])
+def test_the_restoration_and_the_result_come_nearer_to_the_truth(noise):
+    """On a scene that they were not learned from."""
+    scene = SampleScene(width=128, height=96, num_views=2, seed=11)
+    frame = scene.frame(psf_sigma=PSF.sigma, psf_support=PSF.support, noise_sigma=noise)
+    truth, observed = scene.truth(0).hr_luma[0], frame.views[0].luma
+    learned = _filters(noise)
+    start = restored(observed, _grid(), PSF, noise)
+    corrected = learned.of_one.apply(start)
+    assert psnr(corrected, truth, border=8) > psnr(start, truth, border=8) + 0.1
+    made = fuse(
+        [_view(observed, is_reference=True)], _grid(), observed.shape, PSF,
+        noise=noise, residual_threshold=30.0,
+    )  # fmt: skip
+    finished = learned.finished(made.estimate, made.density)
+    assert psnr(finished, truth, border=8) > psnr(made.estimate, truth, border=8) + 0.05
+
+
+@given(
+    grey=st.floats(0, 255, width=32),
+    height=st.integers(1, 12),
+    width=st.integers(1, 12),
+)
+def test_a_constant_stays_constant(grey, height, width):
+    flat = np.full((height, width), grey, np.float32)
+    for bank in (_filters().of_one, _filters().of_all):
+        views = None if bank is _filters().of_one else np.ones_like(flat)
+        np.testing.assert_allclose(bank.apply(flat, views), flat, atol=2e-3)
+
+
+@pytest.mark.parametrize("mirrored", MIRRORINGS)
+def test_a_mirrored_picture_comes_out_mirrored(mirrored):
+    image = _truth((40, 54))
+    turned = np.ascontiguousarray(mirrored(image))
+    bank = _filters().of_one
+    found, expected = bank.apply(turned), mirrored(bank.apply(image))
+    # where the sums of a window round over a limit between classes, another filter is taken
+    assert np.mean(np.abs(found - expected) < 0.01) > 0.995
+
+
+def test_filters_that_are_zero_change_nothing():
+    image = _truth((30, 41))
+    bank = FilterBank(np.zeros((num_classes(False), 24), np.float32))
+    np.testing.assert_array_equal(bank.apply(image), image)
+
+
+def test_taps_stand_where_the_picture_shows_them():
+    """A bank whose only tap is that of the pixel two rows up and one to the left."""
+    taps = np.zeros((num_classes(False), 24), np.float32)
+    taps[:, (3 - 2) * 7 + (3 - 1)] = 1.0
+    image = _truth((30, 41))
+    count = num_classes(False)
+    mirroring = kinds_of(image, None, (0, 30)) // count
+    y, x = np.mgrid[5:25, 5:36]
+    down, right = np.full(y.shape, 2), np.full(y.shape, 1)
+    kind = mirroring[5:25, 5:36]
+    down, right = np.where(kind % 2, right, down), np.where(kind % 2, down, right)
+    right = np.where(kind >= 2, -right, right)
+    expected = image[y - down, x - right] + image[y + down, x + right] - image[y, x]
+    found = FilterBank(taps).apply(image)[5:25, 5:36]
+    assert set(np.unique(mirroring)) == {0, 1, 2, 3}
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+def test_the_more_views_the_higher_the_class():
+    image = _truth((30, 41))
+    classes = [
+        kinds_of(image, np.full_like(image, views), (0, 30)) % num_classes(True)
+        for views in (1.0, 2.0, 3.0, 6.0)
+    ]
+    steps = np.diff(classes, axis=0)
+    np.testing.assert_array_equal(steps, np.broadcast_to([[[2]], [[1]], [[2]]], steps.shape))
+
+
+def test_views_are_counted():
+    observed = _observe(_truth(_grid().hr_shape(LR_SHAPE)), _grid(), LR_SHAPE, (0.0, 0.0))
+    shown = [_view(observed, is_reference=True), *[_view(observed) for _ in range(3)]]
+    for count in (1, 4):
+        made = fuse(shown[:count], _grid(), LR_SHAPE, PSF, noise=0.3, residual_threshold=30.0)
+        np.testing.assert_allclose(views_seen(made.density)[20:-20, 20:-20], count, rtol=0.1)
+
+
+def test_between_the_nodes_it_lies_between_and_beyond_them_nothing_changes():
+    low, middle, high = (
+        learned_filters(_grid(), 1.0, noise).of_one.taps for noise in (1.0, 1.5, 2.0)
+    )
+    np.testing.assert_allclose(middle, (low + high) / 2, atol=1e-6)
+    ends = [learned_filters(_grid(), 9.0, noise).of_all.taps for noise in (8.0, 60.0)]
+    np.testing.assert_array_equal(*ends)
+
+
+@pytest.mark.parametrize("magnification", [(3, 3), (4, 4), (2, 1)])
+def test_there_are_none_for_other_magnifications(magnification):
+    assert learned_filters(_grid(*magnification), 1.0, 1.0) is None
+
+
+def test_one_thread_or_two_give_the_same_bits():
+    image = _truth((3 * BAND + 5, 40))
+    before = thread_count()
+    try:
+        results = []
+        for threads in (1, 2):
+            set_threads(threads)
+            results.append(_filters().of_all.apply(image, np.ones_like(image)))
+    finally:
+        set_threads(before)
+    np.testing.assert_array_equal(*results)
+
+
+def test_bands_join_without_a_seam():
+    image = _truth((2 * BAND + 9, 40))
+    whole = kinds_of(image, None, (0, len(image)))
+    part = kinds_of(image, None, (BAND, 2 * BAND))
+    np.testing.assert_array_equal(whole[BAND : 2 * BAND], part)
