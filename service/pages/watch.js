@@ -64,8 +64,8 @@ function show(name) {
   if (name === "result") {
     drawn += 1;
     place("message").hidden = true;
-    keepTogether();
   }
+  keepTogether();
   draw();
 }
 
@@ -79,12 +79,14 @@ function draw() {
 /** Let the compared picture show the same frame. */
 function keepTogether() {
   const { result, before } = videos;
-  if (!players.before || !seen.tracks.result) return;
-  const apart = before.currentTime - result.currentTime;
+  if (!players.before || !before.readyState || before.seeking || !seen.tracks.result) return;
   const frame = 1 / (seen.tracks.result.fps || 25);
+  // Who goes to the very end at once is given no picture.
+  const wanted = Math.min(result.currentTime, (before.duration || Infinity) - frame / 2);
+  const apart = before.currentTime - wanted;
   if (result.paused || Math.abs(apart) > 0.5) {
     if (!before.paused) before.pause();
-    if (Math.abs(apart) > frame / 4) before.currentTime = result.currentTime;
+    if (Math.abs(apart) > frame / 4) before.currentTime = wanted;
     if (!result.paused) before.play().catch(() => {});
     return;
   }
@@ -282,6 +284,12 @@ function showSought(tries = TRIES) {
   looking = setTimeout(() => showSought(tries - 1), LOOK_AGAIN);
 }
 for (const name of ["seeked", "ended"]) videos.result.addEventListener(name, () => showSought());
+for (const name of ["loadeddata", "seeked"]) {
+  videos.before.addEventListener(name, () => {
+    show("before");
+    keepTogether(); // also where there is no picture yet
+  });
+}
 
 function step(frames) {
   if (!seen?.tracks.result) return;

@@ -175,6 +175,22 @@ def test_before_is_the_observed_picture_enlarged_bicubically(chromium, live_serv
         assert np.abs(_pixels(page) - expected).max() > 10
 
 
+def test_what_stands_still_is_compared_at_its_own_frame(chromium, live_service, job):
+    with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
+        _until(page, "window.depthsrWatch.videos.result.ended")
+        _until(page, f"window.depthsrWatch.numbers().shownFrame === {FRAMES - 1}")
+        page.locator("text=Before and after").click()
+        _until(page, "window.depthsrWatch.view.hasBefore")
+        assert page.evaluate("window.depthsrWatch.numbers().shownFrame") == FRAMES - 1
+        assert page.locator("#tag-one").is_visible()
+        page.locator("#back-frame").click()
+        _until(
+            page,
+            "window.depthsrWatch.view.hasBefore"
+            f" && window.depthsrWatch.numbers().shownFrame === {FRAMES - 2}",
+        )
+
+
 def test_pictures_come_without_what_only_a_video_has(chromium, live_service, job):
     with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
         _first_frame(page)
