@@ -15,7 +15,7 @@ import multiprocessing
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -25,6 +25,7 @@ from numba import njit
 
 from pipeline.config import Settings
 from pipeline.frames import RegisteredView, Rejection
+from pipeline.grid import Grid
 from pipeline.learned_filters import TABLES
 from pipeline.media.files import atomic_path
 from pipeline.metrics import psnr
@@ -62,10 +63,10 @@ SOFT = {"camera.png": 0.8, "coffee.png": 0.8, "scene 5": 0.8, "scene 7": 1.2}
 VIEWS = (1, 2, 4, 8)
 """Numbers of views reconstructed."""
 
-SIGMAS = (0.7, 1.0, 1.35, 1.7, 2.3)
-"""σ_psf, HR pixels."""
+SIGMAS = {2: (0.7, 1.0, 1.35, 1.7, 2.3), 3: (0.9, 1.3, 1.9, 2.8), 4: (1.1, 1.7, 2.4, 3.4)}
+"""σ_psf by K, HR pixels."""
 
-NOISES = (0.0, 1.0, 2.0, 4.0, 8.0)
+NOISES = {2: (0.0, 1.0, 2.0, 4.0, 8.0), 3: (0.0, 2.0, 6.0), 4: (0.0, 2.0, 6.0)}
 """Grey levels."""
 
 SUPPORT = 7
@@ -85,14 +86,13 @@ of one class. Grey levels squared."""
 NOTHING = FilterBank(np.zeros((num_classes(tells_views=True), PATCH * PATCH // 2), np.float32))
 """Corrects nothing."""
 
-GRID = Settings(sampling="decimation").grid
-
 
 @dataclass(frozen=True, kw_only=True)
 class Example:
     """A reference view, the views registered onto it, and the truth."""
 
     name: str
+    grid: Grid
     registered: tuple[RegisteredView, ...]
     truth: npt.NDArray[np.float32]
     noise: float
@@ -151,16 +151,16 @@ def _add(image, missing, kinds, border, squares, products):
                     squares[number, tap, other] += pairs[tap] * pairs[other]
 
 
-def of_photograph(path: Path, psf: GaussianPsf, noise: float) -> Example:
+def of_photograph(path: Path, magnification: int, psf: GaussianPsf, noise: float) -> Example:
     """Return a photograph seen by views that lie a few pixels and degrees apart."""
     truth = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if max(truth.shape) > LARGEST_SIDE:
         truth = cv2.resize(truth, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    truth = truth[: len(truth) // 2 * 2, : truth.shape[1] // 2 * 2].astype(np.float32)
+    height, width = (side // magnification for side in truth.shape)
+    truth = truth[: height * magnification, : width * magnification].astype(np.float32)
     if path.name in SOFT:
         truth = np.rint(cv2.GaussianBlur(truth, (0, 0), SOFT[path.name]))
     generator = np.random.default_rng(list(path.name.encode()))
-    height, width = (side // 2 for side in truth.shape)
     taps = psf.taps_at(0.0)
     blurred = cv2.sepFilter2D(truth, -1, taps, taps, borderType=cv2.BORDER_REFLECT)
     rows, columns = np.mgrid[:height, :width].astype(np.float32)
@@ -171,7 +171,10 @@ def of_photograph(path: Path, psf: GaussianPsf, noise: float) -> Example:
             shift, turn = np.zeros(2), 0.0
         x = (columns + shift[0] + turn * (rows - height / 2)).astype(np.float32)
         y = (rows + shift[1] - turn * (columns - width / 2)).astype(np.float32)
-        seen = cv2.remap(blurred, 2 * x, 2 * y, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT)
+        seen = cv2.remap(
+            blurred, magnification * x, magnification * y, cv2.INTER_LANCZOS4,
+            borderMode=cv2.BORDER_REFLECT,
+        )  # fmt: skip
         seen += generator.normal(0, noise, seen.shape)
         position = np.stack((x, y), axis=-1)
         if number:
@@ -191,12 +194,25 @@ def of_photograph(path: Path, psf: GaussianPsf, noise: float) -> Example:
                 is_reference=number == 0,
             )
         )
-    return Example(name=path.name, registered=tuple(views), truth=truth, noise=noise)
+    return Example(
+        name=path.name, grid=_settings(magnification, psf).grid, registered=tuple(views),
+        truth=truth, noise=noise,
+    )  # fmt: skip
 
 
-def of_scene(seed: int, psf: GaussianPsf, noise: float) -> Example:
+def _settings(magnification: int, psf: GaussianPsf) -> Settings:
+    return Settings(
+        magnification=str(magnification), psf_sigma=psf.sigma, psf_support=psf.support,
+        sampling="decimation",
+    )  # fmt: skip
+
+
+def of_scene(seed: int, magnification: int, psf: GaussianPsf, noise: float) -> Example:
     """Return a rendered scene, its views registered as any are."""
-    scene = SampleScene(seed=seed, width=384, height=288)
+    scene = SampleScene(
+        seed=seed, width=768 // magnification, height=576 // magnification,
+        magnification=magnification,
+    )  # fmt: skip
     soft = SOFT.get(f"scene {seed}", 0.0)
     seen = GaussianPsf.of(float(np.hypot(psf.sigma, soft)), None if soft else psf.support)
     frame = scene.frame(
@@ -207,7 +223,7 @@ def of_scene(seed: int, psf: GaussianPsf, noise: float) -> Example:
     truth = scene.truth(seed).hr_luma[number]
     if soft:
         truth = np.rint(cv2.GaussianBlur(truth, (0, 0), soft))
-    settings = Settings(psf_sigma=psf.sigma, psf_support=psf.support, sampling="decimation")
+    settings = _settings(magnification, psf)
     eye = scene.view_ids[number]
     found = register_frame(frame, settings, targets=(eye,))
     by_distance = sorted(
@@ -215,46 +231,53 @@ def of_scene(seed: int, psf: GaussianPsf, noise: float) -> Example:
         key=lambda view: abs(scene.view_ids.index(view.view_id) - number),
     )
     return Example(
-        name=f"scene {seed}", registered=tuple(by_distance), truth=truth, noise=found.noise
+        name=f"scene {seed}",
+        grid=settings.grid,
+        registered=tuple(by_distance),
+        truth=truth,
+        noise=found.noise,
     )
 
 
-def examples(folder: Path, psf: GaussianPsf, noise: float) -> Iterator[Example]:
+def examples(folder: Path, magnification: int, psf: GaussianPsf, noise: float) -> Iterator[Example]:
     for name in PHOTOGRAPHS:
-        yield of_photograph(folder / name, psf, noise)
+        yield of_photograph(folder / name, magnification, psf, noise)
     for seed in SCENES:
-        yield of_scene(seed, psf, noise)
+        yield of_scene(seed, magnification, psf, noise)
 
 
-def learn(folder: Path, sigma: float, noise: float) -> LearnedFilters:
-    """Return the filters for one PSF and noise."""
+def learn(folder: Path, magnification: int, sigma: float, noise: float) -> LearnedFilters:
+    """Return the filters for one K, PSF and noise."""
     psf = GaussianPsf(sigma=sigma, support=max(SUPPORT, GaussianPsf.of(sigma).support))
-    seen = list(examples(folder, psf, noise))
+    seen = list(examples(folder, magnification, psf, noise))
     of_one = Sums.empty(num_classes(tells_views=False))
     for example in seen:
         of_one.add(_restored(example, psf), example.truth, None)
-    bank = of_one.solved()
+    filters = LearnedFilters(magnification=magnification, of_one=of_one.solved(), of_all=NOTHING)
     of_all = Sums.empty(num_classes(tells_views=True))
     made = []
     for example in seen:
         for count in VIEWS:
             solved = fuse(
-                example.registered[:count], GRID, example.registered[0].flags.shape, psf,
+                example.registered[:count], example.grid, example.registered[0].flags.shape, psf,
                 noise=example.noise,
                 residual_threshold=default_residual_threshold(example.noise),
-                judged=False, learned=LearnedFilters(of_one=bank, of_all=NOTHING),
+                judged=False, learned=filters,
             )  # fmt: skip
-            image, views = np.clip(solved.estimate, 0, 255), views_seen(solved.density)
+            image, views = (
+                np.clip(solved.estimate, 0, 255),
+                views_seen(solved.density, magnification),
+            )
             of_all.add(image, example.truth, views)
             made.append((count, image, views, example.truth))
-    filters = LearnedFilters(of_one=bank, of_all=of_all.solved())
+    filters = replace(filters, of_all=of_all.solved())
     _tell(filters, psf, noise, seen, made)
     return filters
 
 
 def _restored(example: Example, psf: GaussianPsf) -> npt.NDArray[np.float32]:
     observed = np.array(example.registered[0].observed)
-    return np.clip(restored(observed, GRID, psf, example.noise), 0, 255)
+    return np.clip(restored(observed, example.grid, psf, example.noise), 0, 255)
 
 
 def _tell(filters, psf, noise, seen, made) -> None:
@@ -270,9 +293,8 @@ def _tell(filters, psf, noise, seen, made) -> None:
             if number == count
         ]
         text += f", {count} views {np.mean(gains):+.2f}"
-    print(
-        f"σ {psf.sigma:g}, noise {noise:g}, on what they were learned from, dB: {text}", flush=True
-    )
+    of = f"K {filters.magnification}, σ {psf.sigma:g}, noise {noise:g}"
+    print(f"{of}, on what they were learned from, dB: {text}", flush=True)
 
 
 def _gain(before: npt.NDArray, after: npt.NDArray, truth: npt.NDArray) -> float:
@@ -288,23 +310,31 @@ def main() -> None:
     parser.add_argument("--write", type=Path, default=TABLES)
     arguments = parser.parse_args()
     begin = time.monotonic()
-    nodes = [(sigma, noise) for sigma in SIGMAS for noise in NOISES]
+    nodes = [
+        (magnification, sigma, noise)
+        for magnification, sigmas in SIGMAS.items()
+        for sigma in sigmas
+        for noise in NOISES[magnification]
+    ]
     with ProcessPoolExecutor(
         available_cores(), multiprocessing.get_context("spawn"), set_threads, (1,)
     ) as pool:
         found = list(
             pool.map(functools.partial(learn, arguments.folder), *zip(*nodes, strict=True))
         )
-    tables = {
-        name: np.array([getattr(filters, name).taps for filters in found], np.float16).reshape(
-            len(SIGMAS), len(NOISES), -1, PATCH * PATCH // 2
-        )
-        for name in ("of_one", "of_all")
-    }
+    tables: dict[str, npt.NDArray] = {"magnifications": np.array(list(SIGMAS))}
+    for magnification, sigmas in SIGMAS.items():
+        noises = NOISES[magnification]
+        of_it = [filters for filters in found if filters.magnification == magnification]
+        tables[f"sigmas_{magnification}"] = np.array(sigmas, np.float32)
+        tables[f"noises_{magnification}"] = np.array(noises, np.float32)
+        for name in ("of_one", "of_all"):
+            taps = np.array([getattr(filters, name).taps for filters in of_it], np.float16)
+            tables[f"{name}_{magnification}"] = taps.reshape(
+                len(sigmas), len(noises), *taps.shape[1:]
+            )
     with atomic_path(arguments.write) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file, sigmas=np.array(SIGMAS, np.float32), noises=np.array(NOISES, np.float32), **tables
-        )
+        np.savez_compressed(file, **tables)
     print(f"{arguments.write} in {time.monotonic() - begin:.0f} s")
 
 

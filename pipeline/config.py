@@ -90,7 +90,7 @@ class Settings:
         "fused", "reconstruction method", choices=tuple(solver.value for solver in Solver)
     )
     filters: str = setting(
-        "learned", "what corrects the fused result and its initial estimate (K = 2)",
+        "learned", "what corrects the fused result and its initial estimate",
         choices=("learned", "none"),
     )  # fmt: skip
     sweeps: int = setting(8, "sweeps over all constraints (pocs solvers)", unit="sweeps")

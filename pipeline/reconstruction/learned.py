@@ -5,8 +5,8 @@ the direction, the strength and the coherence of its edges (the structure tensor
 views have seen it; a least-squares fit on pictures of which the truth is known says which taps
 (Y. Romano, J. Isidoro, P. Milanfar, RAISR, IEEE Trans. Computational Imaging 3(1), 2017). Here
 they correct two pictures: the linear restoration that the solver starts from, and what it has made
-of all views. They were learned by ``python -m benchmarks.learn``, for K = 2 and a grid of PSF and
-noise, between which they are interpolated.
+of all views. They were learned by ``python -m benchmarks.learn``, for K = 2, 3 and 4 and a grid of
+PSF and noise, between which they are interpolated.
 """
 
 from __future__ import annotations
@@ -25,9 +25,6 @@ from pipeline.reconstruction.filter_kernels import ANGLES, COHERENCES, LOADS, ST
 from pipeline.reconstruction.simd import LANES, PATCH
 from pipeline.threads import map_threads
 
-MAGNIFICATION = 2
-"""K that they were learned for."""
-
 RADIUS = PATCH // 2
 """Of a patch, pixels."""
 
@@ -37,11 +34,8 @@ SURROUNDINGS = 1.2
 WINDOW = 9
 """… and its side."""
 
-NEIGHBOURHOOD = 2.0
-"""σ of the window over which views are counted, pixels."""
-
-ONE_VIEW = 0.0881
-"""Mean density that the pixels of one view make, per pixel."""
+ONE_VIEW = 0.3525
+"""Density that an LR pixel makes at the HR pixel it lies on."""
 
 TRUST = 0.65
 """Share of its correction that a result gets: pictures are not those that were learned from."""
@@ -105,30 +99,32 @@ class FilterBank:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LearnedFilters:
-    """The filters for one PSF and noise."""
+    """The filters for one K, PSF and noise."""
 
+    magnification: int
     of_one: FilterBank
     """For the linear restoration of one view."""
     of_all: FilterBank
     """For what the solver makes of all views."""
 
     def finished(self, estimate: GreyImage, density: GreyImage) -> npt.NDArray[np.float32]:
-        """Return what the solver has made, corrected, (2·H, 2·W) float32.
+        """Return what the solver has made, corrected, (K·H, K·W) float32.
 
         Parameters
         ----------
-        estimate, density : (2·H, 2·W) float32
+        estimate, density : (K·H, K·W) float32
             See :class:`fused.FusedResult`.
         """
         image = np.clip(estimate, 0.0, 255.0)
-        finished = self.of_all.apply(image, views_seen(density))
+        finished = self.of_all.apply(image, views_seen(density, self.magnification))
         return cv2.addWeighted(image, 1 - TRUST, finished, TRUST, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LearnedTables:
-    """The taps at a grid of PSF and noise."""
+    """The taps for one K, at a grid of PSF and noise."""
 
+    magnification: int
     sigmas: npt.NDArray[np.float32]
     """Ascending σ_psf, HR pixels."""
     noises: npt.NDArray[np.float32]
@@ -151,7 +147,11 @@ class LearnedTables:
                 taps += share * table[row, column].astype(np.float32)
             return FilterBank(taps)
 
-        return LearnedFilters(of_one=mixed(self.of_one), of_all=mixed(self.of_all))
+        return LearnedFilters(
+            magnification=self.magnification,
+            of_one=mixed(self.of_one),
+            of_all=mixed(self.of_all),
+        )
 
 
 def _neighbours(nodes: npt.NDArray[np.float32], value: float) -> list[tuple[int, np.float32]]:
@@ -194,12 +194,15 @@ def kinds_of(
     return kinds
 
 
-def views_seen(density: GreyImage) -> npt.NDArray[np.float32]:
-    """Return how many views observe what lies around each HR pixel, (2·H, 2·W) float32.
+def views_seen(density: GreyImage, magnification: int) -> npt.NDArray[np.float32]:
+    """Return how many views observe what lies around each HR pixel, (K·H, K·W) float32.
 
     Parameters
     ----------
-    density : (2·H, 2·W) float32
+    density : (K·H, K·W) float32
         See :class:`fused.FusedResult`.
+    magnification : int
+        K; the mean is taken over about one LR pixel.
     """
-    return cv2.GaussianBlur(density, (0, 0), NEIGHBOURHOOD) * np.float32(1 / ONE_VIEW)
+    around = cv2.GaussianBlur(density, (0, 0), float(magnification))
+    return around * np.float32(magnification**2 / ONE_VIEW)

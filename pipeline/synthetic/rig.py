@@ -131,7 +131,7 @@ class Rig:
             np.linalg.norm(angles - angles[reference], axis=-1).max()
             for reference in self.references
         )
-        angles *= self.rotation / max(largest, 1e-9)
+        angles *= self.rotation / largest if largest > 0 else 0.0
         height, width = self.hr_shape
         intrinsics = np.array(
             [

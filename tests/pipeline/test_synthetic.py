@@ -70,6 +70,12 @@ def test_magnification_may_differ_along_x_and_y():
         np.testing.assert_allclose(view.calibration.intrinsics, other.intrinsics, atol=1e-9)
 
 
+def test_a_single_camera_looks_at_the_stage():
+    picture = SampleScene(width=48, height=36, num_views=1).render_hr(0)
+    assert picture.mean() > 40
+    assert picture.std() > 10
+
+
 def test_the_same_seed_gives_the_same_frame_and_another_seed_another():
     small = {"width": 48, "height": 36, "num_views": 2}
     first, again, other = (SampleScene(**small, seed=seed) for seed in (3, 3, 4))
