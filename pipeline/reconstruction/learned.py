@@ -38,7 +38,12 @@ ONE_VIEW = 0.3525
 """Density that an LR pixel makes at the HR pixel it lies on."""
 
 TRUST = 0.65
-"""Share of its correction that a result gets: pictures are not those that were learned from."""
+"""Share of its correction that a result gets: pictures are not those that were learned from. Below
+noise …"""
+
+TRUSTED_FROM = 2.0
+"""… less, in proportion: the less noise, the less there is to gain, and the more is lost by a PSF
+that is not quite the one it was told, grey levels."""
 
 BAND = 64
 """Rows that one thread works on at once."""
@@ -106,6 +111,8 @@ class LearnedFilters:
     """For the linear restoration of one view."""
     of_all: FilterBank
     """For what the solver makes of all views."""
+    trust: float
+    """Share of its correction that this gets."""
 
     def finished(self, estimate: GreyImage, density: GreyImage) -> npt.NDArray[np.float32]:
         """Return what the solver has made, corrected, (K·H, K·W) float32.
@@ -117,7 +124,7 @@ class LearnedFilters:
         """
         image = np.clip(estimate, 0.0, 255.0)
         finished = self.of_all.apply(image, views_seen(density, self.magnification))
-        return cv2.addWeighted(image, 1 - TRUST, finished, TRUST, 0.0)
+        return cv2.addWeighted(image, 1 - self.trust, finished, self.trust, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,6 +158,7 @@ class LearnedTables:
             magnification=self.magnification,
             of_one=mixed(self.of_one),
             of_all=mixed(self.of_all),
+            trust=TRUST * min(noise / TRUSTED_FROM, 1.0),
         )
 
 

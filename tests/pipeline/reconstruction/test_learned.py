@@ -36,7 +36,7 @@ def _filters(noise: float = 2.0) -> LearnedFilters:
     return found
 
 
-@pytest.mark.parametrize("noise", [0.0, 3.0, 20.0])
+@pytest.mark.parametrize("noise", [1.0, 3.0, 20.0])
 @pytest.mark.parametrize("magnification", [2, 3, 4])
 def test_the_restoration_and_the_result_come_nearer_to_the_truth(magnification, noise):
     """On a scene that they were not learned from."""
@@ -131,6 +131,11 @@ def test_between_the_nodes_it_lies_between_and_beyond_them_nothing_changes():
     np.testing.assert_allclose(middle, (low + high) / 2, atol=1e-6)
     ends = [learned_filters(_grid(), 9.0, noise).of_all.taps for noise in (8.0, 60.0)]
     np.testing.assert_array_equal(*ends)
+
+
+def test_the_less_noise_the_less_a_result_is_corrected():
+    shares = [_filters(noise).trust for noise in (0.0, 0.5, 1.0, 2.0, 9.0)]
+    np.testing.assert_allclose(np.array(shares) / shares[-1], (0.0, 0.25, 0.5, 1.0, 1.0))
 
 
 @pytest.mark.parametrize("magnification", [(2, 1), (5, 5)])
