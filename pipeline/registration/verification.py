@@ -14,6 +14,9 @@ from numba import njit
 from pipeline.frames import GreyImage, Mask, Positions, Rejection
 from pipeline.registration import kernels
 
+NO_WEIGHT = 1e6
+"""Square that stands for a registration weight that there is none of, grey levels²."""
+
 EDGE_JUMP = 0.5
 """Difference of adjacent pixels' displacements that makes an edge, LR pixels."""
 
@@ -77,15 +80,27 @@ def _nearest_landing(position, nearness, nearest):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def _mean_square(weights, row, column):
+    """Return the mean of the squares of 3 × 3 weights, those beyond the sides as those at them."""
+    height, width = weights.shape
+    total = 0.0
+    for side in range(-1, 2):
+        k = min(max(row + side, 0), height - 1)
+        for beside in range(-1, 2):
+            weight = weights[k, min(max(column + beside, 0), width - 1)]
+            total += weight * weight if np.isfinite(weight) else NO_WEIGHT
+    return np.float32(total / 9)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def _flag(
     position, weights, nearness, known, reference, reference_known, nearest, jumps, beside, limits,
     renewed, flags,
 ):  # fmt: skip
     """Write the rejection bits of some pixels.
 
-    ``weights`` are mean squares, ``jumps`` and ``beside`` say which pixels are next to a jump
-    and which within reach of one; limits are T_w², T_D, the z-buffer's margin and the stricter
-    T_w² beside jumps.
+    ``jumps`` and ``beside`` say which pixels are next to a jump and which within reach of one;
+    limits are T_w², T_D, the z-buffer's margin and the stricter T_w² beside jumps.
     """
     height, width = reference.shape
     for row in range(flags.shape[0]):
@@ -93,7 +108,7 @@ def _flag(
             if not renewed[row, column]:
                 continue
             x, y = position[row, column, 0], position[row, column, 1]
-            square = weights[row, column]
+            square = _mean_square(weights, row, column)
             bits = 0
             if jumps[row, column] or (beside[row, column] and square > limits[3]):
                 bits = 32
@@ -123,14 +138,17 @@ def _flag(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _jumps(position, limit, jumps):
+def _jumps(position, limit, wanted, jumps):
     """Mark both pixels of adjacent ones whose displacements differ by more than the limit.
 
-    A pixel without a motion makes a jump to one that has.
+    A pixel without a motion makes a jump to one that has. ``wanted`` are the pixels that are
+    compared with those to their right and below.
     """
     height, width = jumps.shape
     for row in range(height):
         for column in range(width):
+            if not wanted[row, column]:
+                continue
             x = position[row, column, 0] - column
             y = position[row, column, 1] - row
             here = np.isfinite(x) and np.isfinite(y)
@@ -185,9 +203,6 @@ def verify(
     """
     nearest = np.full(reference_nearness.shape, -np.inf, np.float32)
     _nearest_landing(position, nearness, nearest)
-    square = np.where(np.isfinite(weights), weights * weights, np.float32(1e6))
-    mean_square = cv2.blur(square, (3, 3), borderType=cv2.BORDER_REFLECT)
-    jumps = jumps_of_motion(position)
     limits = np.array(
         [
             weight_threshold**2, depth_threshold, depth_threshold,
@@ -197,21 +212,27 @@ def verify(
     )  # fmt: skip
     flags, renewed = before or (np.empty(weights.shape, np.uint8), np.ones(weights.shape, bool))
     flags = flags.copy()
+    side = 2 * EDGE_REACH + 1
+    near = cv2.dilate(renewed.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
+    jumps = jumps_of_motion(position, near)
     _flag(
-        position, mean_square, nearness, known, reference_nearness, reference_known, nearest,
+        position, weights, nearness, known, reference_nearness, reference_known, nearest,
         jumps, _within(jumps, EDGE_REACH), limits, renewed, flags,
     )  # fmt: skip
     return flags
 
 
-def jumps_of_motion(position: Positions) -> npt.NDArray[np.uint8]:
+def jumps_of_motion(position: Positions, wanted: Mask | None = None) -> npt.NDArray[np.uint8]:
     """Return which pixels lie at a jump of the motion, (H, W), 1 where they do.
 
     A jump is a difference of more than ``EDGE_JUMP`` between the displacements of two
     adjacent pixels, so that a slanted surface has none; a pixel without a motion makes one.
+    Looked for at pixels wanted, by default at all.
     """
     jumps = np.zeros(position.shape[:2], np.uint8)
-    _jumps(position, EDGE_JUMP, jumps)
+    if wanted is None:
+        wanted = np.ones(jumps.shape, np.bool_)
+    _jumps(position, EDGE_JUMP, wanted, jumps)
     return jumps
 
 
