@@ -134,15 +134,14 @@ class Sums:
 def _add(image, missing, kinds, border, squares, products):
     """Add each pixel's pairs of opposite neighbours, turned as its class is, to its class."""
     classes, half = products.shape
-    side = 7
-    middle = side // 2
+    middle = PATCH // 2
     pairs = np.empty(half)
     for row in range(border, image.shape[0] - border):
         for column in range(border, image.shape[1] - border):
             mirroring, number = divmod(kinds[row, column], classes)
             twice = 2 * image[row, column]
             for tap in range(half):
-                down, right = tap // side - middle, tap % side - middle
+                down, right = tap // PATCH - middle, tap % PATCH - middle
                 if mirroring % 2:
                     down, right = right, down
                 if mirroring >= 2:

@@ -28,6 +28,7 @@ from pipeline.reconstruction.fused import (
     FusedResult,
     FusedTuning,
     estimate_alone,
+    finished,
     fuse,
     initial_estimate,
     landing_points,
@@ -664,10 +665,8 @@ def _reconstruct(
             layer_labels=frame.layers,
             contribution_count=solved.density,
         )
-    luma = solved.estimate
-    if learned is not None:
-        luma = learned.finished(luma, solved.density)
-    image = SuperResolvedImage(view_id=reference.view_id, luma=np.clip(luma, 0.0, 255.0))
+    luma = np.clip(finished(solved, learned), 0.0, 255.0)
+    image = SuperResolvedImage(view_id=reference.view_id, luma=luma)
     kept = Solved(result=solved, views=views, frames=_frames_solved(frame, target, previous, due))
     return _Target(image=image, report=report, debug=debug, solved=kept)
 
@@ -759,7 +758,8 @@ def _solve(
     density = np.zeros(shape, np.float32)
     for (x, y), weight in zip(points, weights, strict=True):
         _count_nearest(x, y, weight, density)
-    _, misfits = left_over(swept.estimate, taps, grid, registered, swept.flags, weights)
+    some = [(some_rows(x), some_rows(y)) for x, y in points]
+    _, misfits = left_over(swept.estimate, taps, some, registered, swept.flags, weights)
     return FusedResult(
         estimate=swept.estimate,
         weights=weights,

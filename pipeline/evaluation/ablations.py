@@ -25,7 +25,7 @@ from pipeline.evaluation.tables import Table, number, signed
 from pipeline.frames import MultiViewFrame, RegisteredView
 from pipeline.metrics import psnr
 from pipeline.noise import estimate_noise_of_views
-from pipeline.reconstruction.fused import FusedTuning, fuse
+from pipeline.reconstruction.fused import FusedTuning, finished, fuse
 from pipeline.registration.method import METHODS, MotionModel, RegistrationMethod
 from pipeline.registration.register import Thresholds, prepare_views, register_views
 from pipeline.superresolve import (
@@ -207,9 +207,7 @@ def _fused(registered: _Registered, settings: Settings, variant: Variant) -> np.
         residual_threshold=NO_LIMIT if variant.trust_all else default_residual_threshold(noise),
         tuning=variant.tuning, learned=learned,
     )  # fmt: skip
-    if learned is None:
-        return result.estimate
-    return learned.finished(result.estimate, result.density)
+    return finished(result, learned)
 
 
 def _believed(view: RegisteredView) -> RegisteredView:

@@ -20,7 +20,7 @@ from pipeline.evaluation.methods import middle_views
 from pipeline.evaluation.tables import Table, number, signed
 from pipeline.frames import GreyImage, MultiViewFrame, RegisteredView, Rejection
 from pipeline.metrics import psnr
-from pipeline.reconstruction.fused import fuse
+from pipeline.reconstruction.fused import finished, fuse
 from pipeline.results import FrameResult
 from pipeline.superresolve import (
     chosen_filters,
@@ -270,9 +270,7 @@ def _fused(
         registered, settings.grid, frame.lr_shape, psf, noise=noise,
         residual_threshold=default_residual_threshold(noise), learned=learned,
     )  # fmt: skip
-    if learned is None:
-        return result.estimate
-    return learned.finished(result.estimate, result.density)
+    return finished(result, learned)
 
 
 def _compared(result: FrameResult, truth: SampleTruth, eyes: Mapping[str, str]) -> list[_Pixels]:

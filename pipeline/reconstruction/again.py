@@ -15,6 +15,7 @@ from pipeline.reconstruction.fused import (
     FusedTuning,
     fuse,
     left_over,
+    some_landing_points,
 )
 from pipeline.reconstruction.parts import Box, covering_boxes, cut_views, put_back, widened
 from pipeline.reconstruction.psf import Psf, sampling_taps
@@ -101,8 +102,9 @@ def fuse_again(
             for index, (view, place) in enumerate(zip(registered, cut.places, strict=True)):
                 put_back(solved.weights[index], weights[index], place, view.position, box)
                 put_back(solved.flags[index], flags[index], place, view.position, box)
+    points = [some_landing_points(view, grid) for view in registered]
     misfit, misfits = left_over(
-        estimate, sampling_taps(psf, grid), grid, registered, flags, weights
+        estimate, sampling_taps(psf, grid), points, registered, flags, weights
     )
     return FusedResult(
         estimate=estimate,

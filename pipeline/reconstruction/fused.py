@@ -3,9 +3,11 @@
 Not in the thesis, which visits LR pixels one after another (Eq. 9, Eq. 10; see ``pocs``);
 the constraints and the PSF are the same. Two rounds:
 
-1. the reference view alone is enlarged and sharpened by a linear filter (``restoration``);
+1. the reference view alone is enlarged and sharpened by a linear filter (``restoration``), and
+   corrected by learned ones (``learned``);
 2. every other view's pixels are predicted from that result, and weighted by how well
-   they agree with it around them; then all are fused.
+   they agree with it around them, once a view that agrees badly has been aligned anew
+   (``realign``); then all are fused.
 
 So no view can do harm by having been misregistered. The prior smooths first differences,
 the less so the larger those around them are, by re-weighting; it and the weights follow the
@@ -293,22 +295,21 @@ def fuse(
         coefficients = spline_coefficients(estimate, taps)
         is_correctable = learned is not None and noise >= CORRECTED_FROM
 
+        def agreement_of(index: int) -> npt.NDArray[np.float32]:
+            return _weights(
+                sample(coefficients, *points[index]), registered[index].observed, noise, tuning,
+                residual_threshold, flags[index],
+            )  # fmt: skip
+
         def weigh(index: int) -> npt.NDArray[np.float32]:
             if index == reference:
                 return ones
             view = registered[index]
-
-            def agreeing() -> npt.NDArray[np.float32]:
-                flags[index] = view.flags.copy()
-                return _weights(
-                    sample(coefficients, *points[index]), view.observed, noise, tuning,
-                    residual_threshold, flags[index],
-                )  # fmt: skip
-
-            found = agreeing()
+            found = agreement_of(index)
             if is_correctable and found.mean() < tuning.agreeing * _possible(view):
                 points[index] = realigned(coefficients, points[index], view.observed, noise, grid)
-                found = agreeing()
+                flags[index] = view.flags.copy()
+                found = agreement_of(index)
             return found
 
         weights = map_threads(weigh, range(len(registered)))
@@ -323,7 +324,8 @@ def fuse(
     residuals: tuple[float, ...] = ()
     misfits: tuple[float, ...] = ()
     if judged:
-        misfit, misfits = left_over(estimate, taps, grid, registered, flags, weights)
+        some = [(some_rows(x), some_rows(y)) for x, y in points]
+        misfit, misfits = left_over(estimate, taps, some, registered, flags, weights)
         residuals = (misfit,)
     return FusedResult(
         estimate=estimate,
@@ -350,7 +352,7 @@ def some_rows(image: npt.NDArray[Pixel]) -> npt.NDArray[Pixel]:
 def left_over(
     estimate: HrImage,
     taps: SeparableTaps,
-    grid: Grid,
+    points: Sequence[tuple[HrImage, HrImage]],
     registered: Sequence[RegisteredView],
     flags: Sequence[npt.NDArray[np.uint8]],
     weights: Sequence[GreyImage],
@@ -358,13 +360,17 @@ def left_over(
     """Return the RMS of observed − simulated, grey: weighted, and of each view's trusted pixels.
 
     Measured on :func:`some_rows`. A view of which none is trusted has NaN.
+
+    Parameters
+    ----------
+    points : sequence of ((h, W), (h, W)) float32
+        Where those rows of each view land, x and y, HR pixels.
     """
     coefficients = spline_coefficients(estimate, taps)
 
     def compare(index: int) -> tuple[float, float, float, float]:
-        x, y = _on_hr_grid(some_rows(registered[index].position), grid)
         return agreement.left_over(
-            sample(coefficients, x, y), some_rows(registered[index].observed),
+            sample(coefficients, *points[index]), some_rows(registered[index].observed),
             some_rows(flags[index]), some_rows(weights[index]),
         )  # fmt: skip
 
@@ -382,6 +388,18 @@ def left_over(
 def landing_points(view: RegisteredView, grid: Grid) -> tuple[HrImage, HrImage]:
     """Return x and y of a view's landing points, HR pixels."""
     return _on_hr_grid(view.position, grid)
+
+
+def some_landing_points(view: RegisteredView, grid: Grid) -> tuple[HrImage, HrImage]:
+    """Return those of :func:`some_rows`."""
+    return _on_hr_grid(some_rows(view.position), grid)
+
+
+def finished(result: FusedResult, learned: LearnedFilters | None) -> HrImage:
+    """Return what is shown of a result, corrected where there are learned filters."""
+    if learned is None:
+        return result.estimate
+    return learned.finished(result.estimate, result.density)
 
 
 def _on_hr_grid(position: Positions, grid: Grid) -> tuple[HrImage, HrImage]:

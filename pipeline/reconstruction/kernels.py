@@ -48,6 +48,15 @@ def landing_rows(position_y, height, first, last):
 
 
 @njit(**OPTIONS)
+def _spline(t):
+    """Return the three taps of a quadratic B-spline at an offset from the middle one."""
+    half = np.float32(0.5)
+    return (
+        half * (half - t) * (half - t), np.float32(0.75) - t * t, half * (half + t) * (half + t)
+    )  # fmt: skip
+
+
+@njit(**OPTIONS)
 def gather_observations(
     position_x, position_y, observed, weight, first, last, level, lo, hi, height, width, cells
 ):
@@ -95,12 +104,8 @@ def gather_observations(
                 continue
             tx = px - np.float32(centre_x)
             ty = py - np.float32(centre_y)
-            x0 = half * (half - tx) * (half - tx)
-            x1 = np.float32(0.75) - tx * tx
-            x2 = half * (half + tx) * (half + tx)
-            y0 = half * (half - ty) * (half - ty)
-            y1 = np.float32(0.75) - ty * ty
-            y2 = half * (half + ty) * (half + ty)
+            x0, x1, x2 = _spline(tx)
+            y0, y1, y2 = _spline(ty)
             # at the very border taps fold onto the image: reflection about the edge
             if centre_x == 0:
                 x1 += x0
@@ -234,12 +239,8 @@ def sum_gradients(coefficients, position_x, position_y, observed, scale, cell, s
             cy = np.uint64(py + half)
             tx = px - np.float32(cx)
             ty = py - np.float32(cy)
-            x0 = half * (half - tx) * (half - tx)
-            x1 = np.float32(0.75) - tx * tx
-            x2 = half * (half + tx) * (half + tx)
-            y0 = half * (half - ty) * (half - ty)
-            y1 = np.float32(0.75) - ty * ty
-            y2 = half * (half + ty) * (half + ty)
+            x0, x1, x2 = _spline(tx)
+            y0, y1, y2 = _spline(ty)
             a, b, c = cx + np.uint64(1), cx + np.uint64(2), cx + np.uint64(3)
             above = coefficients[cy + np.uint64(1)]
             own = coefficients[cy + np.uint64(2)]
@@ -292,12 +293,8 @@ def sample_spline(coefficients, position_x, position_y, row_lo, row_hi, out):
             cy = np.uint64(py + half)
             tx = px - np.float32(cx)
             ty = py - np.float32(cy)
-            x0 = half * (half - tx) * (half - tx)
-            x1 = np.float32(0.75) - tx * tx
-            x2 = half * (half + tx) * (half + tx)
-            y0 = half * (half - ty) * (half - ty)
-            y1 = np.float32(0.75) - ty * ty
-            y2 = half * (half + ty) * (half + ty)
+            x0, x1, x2 = _spline(tx)
+            y0, y1, y2 = _spline(ty)
             a, b, c = cx + np.uint64(1), cx + np.uint64(2), cx + np.uint64(3)
             above = coefficients[cy + np.uint64(1)]
             own = coefficients[cy + np.uint64(2)]

@@ -55,35 +55,25 @@ def realigned(
     noise : float
         Grey levels.
     """
-    for _ in range(ROUNDS):
-        points = _step(coefficients, points, np.array(observed), noise, grid)
-    return points
-
-
-def _step(
-    coefficients: GreyImage,
-    points: tuple[GreyImage, GreyImage],
-    observed: GreyImage,
-    noise: float,
-    grid: Grid,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     x, y = points
+    pixels = np.array(observed)  # a writable copy, for one compilation
     height, width = observed.shape
-    sums = np.zeros((5, -(-height // CELL), -(-width // CELL)), np.float32)
     scale = np.float32(ERROR[0] + ERROR[1] * noise)
-    kernels.sum_gradients(coefficients, x, y, observed, scale, CELL, sums)
-    along = grid.magnification_x, grid.magnification_y
-    xx, xy, yy, xe, ye = (cv2.GaussianBlur(plane, (3, 3), WINDOW) for plane in sums)
     least = CERTAINTY * (1 + noise**2) * CELL**2
-    xx += least / along[0] ** 2
-    yy += least / along[1] ** 2
-    determinant = xx * yy - xy * xy
-    moved = []
-    for place, step, unit in (
-        (x, (yy * xe - xy * ye) / determinant, along[0]),
-        (y, (xx * ye - xy * xe) / determinant, along[1]),
-    ):
-        step = np.clip(step, -FARTHEST * unit, FARTHEST * unit)
-        fine = cv2.resize(step, None, fx=CELL, fy=CELL, interpolation=cv2.INTER_LINEAR)
-        moved.append(place + fine[:height, :width])
-    return moved[0], moved[1]
+    for _ in range(ROUNDS):
+        sums = np.zeros((5, -(-height // CELL), -(-width // CELL)), np.float32)
+        kernels.sum_gradients(coefficients, x, y, pixels, scale, CELL, sums)
+        xx, xy, yy, xe, ye = (cv2.GaussianBlur(plane, (3, 3), WINDOW) for plane in sums)
+        xx += least / grid.magnification_x**2
+        yy += least / grid.magnification_y**2
+        determinant = xx * yy - xy * xy
+        x = x + _fine((yy * xe - xy * ye) / determinant, grid.magnification_x)[:height, :width]
+        y = y + _fine((xx * ye - xy * xe) / determinant, grid.magnification_y)[:height, :width]
+    return x, y
+
+
+def _fine(step: GreyImage, magnification: int) -> GreyImage:
+    """Return the steps of cells, HR pixels, bounded, for each of their pixels."""
+    farthest = FARTHEST * magnification
+    bounded = np.clip(step, -farthest, farthest)
+    return cv2.resize(bounded, None, fx=CELL, fy=CELL, interpolation=cv2.INTER_LINEAR)

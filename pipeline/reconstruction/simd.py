@@ -18,6 +18,9 @@ LANES = 8
 CELL = 16
 """Numbers kept for each HR pixel while observations are gathered, see :func:`add_nine`."""
 
+PATCH = 7
+"""Side of the patches of :func:`weigh_patch`, pixels."""
+
 _FLOAT, _WORD, _SHORT = ir.FloatType(), ir.IntType(32), ir.IntType(16)
 _FLOATS = ir.VectorType(_FLOAT, LANES)
 _WORDS = ir.VectorType(_WORD, LANES)
@@ -371,10 +374,6 @@ def bend_of_eight(typing_context, weights, at, plane, image, row, down, out, to)
         return context.get_dummy_value()
 
     return signature, generate
-
-
-PATCH = 7
-"""Side of the patches of :func:`weigh_patch`, pixels."""
 
 
 @intrinsic

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pipeline.learned_filters import learned_filters
+from pipeline.metrics import psnr
+from pipeline.reconstruction.fused import FusedTuning, fuse
 from pipeline.reconstruction.psf import sampling_taps
 from pipeline.reconstruction.realign import FARTHEST, realigned
 from pipeline.reconstruction.system import spline_coefficients
-from tests.pipeline.reconstruction.test_fused import LR_SHAPE, PSF, _grid, _observe, _truth
+from tests.pipeline.reconstruction.test_fused import LR_SHAPE, PSF, _grid, _observe, _truth, _view
 
 TAPS = sampling_taps(PSF, _grid())
 
@@ -78,3 +81,21 @@ def test_tiny_views(shape):
     )
     assert found[0].shape == shape
     assert np.isfinite(found[0]).all()
+
+
+def test_a_view_that_agrees_badly_is_aligned_before_it_is_fused_and_judged():
+    truth = _truth(_grid().hr_shape(LR_SHAPE))
+    views = [_view(_observe(truth, _grid(), LR_SHAPE, (0.0, 0.0), noise=1.0), is_reference=True)]
+    for number, shift in enumerate(((0.5, 0.25), (-0.3, 0.5), (0.25, -0.45)), start=1):
+        seen = _observe(truth, _grid(), LR_SHAPE, shift, noise=1.0, seed=number)
+        views.append(_view(seen, (shift[0] + 0.3, shift[1] - 0.2)))
+    learned = learned_filters(_grid(), PSF.sigma, 1.0)
+    aligned, as_said = (
+        fuse(
+            views, _grid(), LR_SHAPE, PSF, noise=1.0, residual_threshold=60.0, learned=learned,
+            tuning=FusedTuning(agreeing=agreeing),
+        )
+        for agreeing in (1.0, 0.0)
+    )  # fmt: skip
+    assert psnr(aligned.estimate, truth, border=8) > psnr(as_said.estimate, truth, border=8) + 0.5
+    assert np.less(aligned.misfits[1:], as_said.misfits[1:]).all()
