@@ -104,7 +104,7 @@ def test_the_finest_level_seen_is_recorded(sit, operator):
     seat.press_main()
     assessor = Eyes(seat, finest=100)
     assessor.answer_all()
-    passed = len(assessor.seen) // 3
+    passed = (len(assessor.seen) - 1) // 3  # the last answer was wrong
     assert passed >= 2
     for (angle, _), level in zip(assessor.seen, np.repeat(SHOWN, 3), strict=False):
         assert angle == pytest.approx(level, abs=angle_of(0.03))
