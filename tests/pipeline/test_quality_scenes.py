@@ -5,6 +5,7 @@ The floors are those that the project has set itself, not what is measured.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -97,6 +98,22 @@ def test_the_mean_gain_over_bicubic_without_noise(measure):
             gains.append(result.score(result.scores[0].view_id, "default").gain_over_bicubic)
     assert len(gains) == 10
     assert sum(gains) / len(gains) >= MEAN_OVER_BICUBIC
+
+
+def test_the_readme_tells_the_figures_of_now(measure):
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^(\w+) +([\w-]+) +(\d\S+) +(\d\S+) +([+-]\S+) +([+-]\S+)$", readme, re.M)
+    result = measure("lytro_2067", 1.0, 2.0)
+    assert [method for _, method, *_ in rows] == [
+        "bicubic", "single-view", "pocs-simplified", "default",
+    ]  # fmt: skip
+    for view, method, *said in rows:
+        score = result.score(view, method)
+        psnr, ssim, over_bicubic, over_single_view = map(float, said)
+        assert psnr == pytest.approx(score.psnr, abs=0.02)
+        assert ssim == pytest.approx(score.ssim, abs=0.0005)
+        assert over_bicubic == pytest.approx(score.gain_over_bicubic, abs=0.02)
+        assert over_single_view == pytest.approx(score.gain_over_single_view, abs=0.02)
 
 
 @pytest.mark.parametrize("number", [0, 4])
