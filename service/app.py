@@ -14,6 +14,7 @@ from typing import Any
 from fastapi import APIRouter, FastAPI
 from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
+from starlette.routing import BaseRoute
 
 from service.bus.bus import Bus
 from service.bus.config import BusConfig
@@ -129,11 +130,11 @@ def create_app(config: ServiceConfig) -> FastAPI:
     app.state.tokens = Tokens(config.token_file, key=key)
     app.state.operators = Operators(app.state.tokens, config.data, key)
     app.state.metrics = Metrics()
-    problems.add_handlers(app)
     app.add_middleware(Guards, config=config)
     for router in ROUTERS:
         app.include_router(router)
     _declare(app)
+    problems.add_handlers(app, [*_routes(), *app.routes])
     return app
 
 
@@ -143,10 +144,13 @@ def _open_bus(config: BusConfig) -> Bus:
     return ZenohBus(config)
 
 
+def _routes() -> list[BaseRoute]:
+    return [route for router in ROUTERS for route in router.routes]
+
+
 def _restore_answers(schema: dict[str, Any]) -> None:
     """Put the examples of answers back as they were declared, nulls among them."""
-    routes = [route for router in ROUTERS for route in router.routes]
-    for route in routes:
+    for route in _routes():
         if not (isinstance(route, APIRoute) and route.include_in_schema):
             continue
         for method in route.methods or ():

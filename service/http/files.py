@@ -51,7 +51,11 @@ class RangedFile(FileResponse):
     """A file whose bad ranges are answered with a problem."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the file, or what is wrong with the range."""
+        """Send the file, or what is wrong with the range; heads and other units have none."""
+        unit = Headers(scope=scope).get("range", "").partition("=")[0].strip().lower()
+        if scope["method"] != "GET" or unit != "bytes":
+            kept = [item for item in scope["headers"] if item[0] != b"range"]
+            scope = {**scope, "headers": kept}
         refused: dict[str, str] | None = None
         status = 0
 

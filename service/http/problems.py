@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import logging
 import sqlite3
+from collections.abc import Iterable
 from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
 from pydantic import BaseModel, ConfigDict
 from starlette.exceptions import HTTPException
+from starlette.routing import BaseRoute, Match
 
 from dscqs.errors import DscqsError
 from pipeline.errors import PipelineError
@@ -89,8 +92,9 @@ def answer(
     )
 
 
-def add_handlers(app: FastAPI) -> None:
-    """Make every error of the application a problem."""
+def add_handlers(app: FastAPI, routes: Iterable[BaseRoute]) -> None:
+    """Make every error of the application a problem; ``routes`` are those of all its routers."""
+    known = [route for route in routes if isinstance(route, APIRoute)]
 
     async def ours(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, ProblemError)
@@ -105,6 +109,10 @@ def add_handlers(app: FastAPI) -> None:
             "bad-request",
         )
         headers = dict(error.headers or {})
+        if kind == "method-not-allowed":  # the framework names those of one route only
+            there = [route for route in known if route.matches(request.scope)[0] is not Match.NONE]
+            methods = {method for route in there for method in route.methods or ()}
+            headers["Allow"] = ", ".join(sorted(methods))
         return answer(kind, str(error.detail), path=request.url.path, headers=headers)
 
     async def invalid(request: Request, error: Exception) -> JSONResponse:

@@ -95,6 +95,9 @@ def test_results_by_ranges_tags_and_heads(api, done):
     head = api.head(video["url"])
     assert (head.status_code, head.content) == (200, b"")
     assert int(head.headers["content-length"]) == video["size"]
+    for method, range_ in (("GET", "lines=1-2"), ("HEAD", "bytes=0-9"), ("HEAD", "bytes=x")):
+        answer = api.request(method, video["url"], headers={"Range": range_})
+        assert (answer.status_code, int(answer.headers["content-length"])) == (200, video["size"])
     is_problem(api.get(f"/api/v1/jobs/{done}/results/..%2f..%2fservice.sqlite"), 404, "not-found")
     assert api.get(f"/api/v1/jobs/{done}/logs").status_code == 200
 
@@ -295,6 +298,24 @@ ELSEWHERE = {"Origin": "http://evil.example"}
 )  # fmt: skip
 def test_problems(api, method, where, options, status, kind):
     is_problem(api.request(method, where, **options), status, kind)
+
+
+@pytest.mark.parametrize(
+    ("where", "methods"),
+    [
+        ("/api/v1/jobs", "GET, HEAD, POST"),
+        ("/api/v1/jobs/17", "DELETE, GET, HEAD"),
+        ("/api/v1/jobs/17/cancel", "POST"),
+        ("/api/v1/uploads/17", "DELETE, HEAD, PATCH"),
+        ("/api/v1/streams", "GET, HEAD, POST"),
+        ("/api/openapi.json", "GET, HEAD"),
+        ("/healthz", "GET, HEAD"),
+    ],
+)
+def test_a_wrong_method_is_told_which_there_are(api, where, methods):
+    answer = api.put(where)
+    is_problem(answer, 405, "method-not-allowed")
+    assert answer.headers["allow"] == methods
 
 
 def test_a_long_body_without_a_length_is_cut_off(api):
