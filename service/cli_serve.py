@@ -112,11 +112,13 @@ def _run_serve(arguments: argparse.Namespace) -> int:
     from service.app import create_app
     from service.json_logs import configure
     from service.server import serve
+    from service.store import Store
 
     config = _loaded(arguments).config
     configure(config.log_level)
     for sentence in config.open_doors():
         logging.getLogger(__name__).warning(sentence)
+    Store(config.data).close()  # another service, or a newer one: said before any address is
     serve(create_app(config), config, say=say)
     return EXIT_DONE
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import logging
 import time
 from urllib.parse import urlsplit
@@ -10,6 +11,7 @@ from urllib.parse import urlsplit
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.bus.config import is_loopback
 from service.config import MIB, ServiceConfig
 from service.http import uploads
 from service.http.problems import ProblemError, answer
@@ -47,13 +49,20 @@ class Guards:
     def __init__(self, app: ASGIApp, config: ServiceConfig) -> None:
         self.app = app
         self.config = config
+        self._is_for_this_machine = config.token_file is None and is_loopback(config.host)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check the request, count its body, finish the headers of the answer."""
-        if scope["type"] != "http":
+        if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
         headers = Headers(scope=scope)
+        if scope["type"] == "websocket":
+            if self._is_misled(headers):
+                await send({"type": "websocket.close", "code": 1008})
+            else:
+                await self.app(scope, receive, send)
+            return
         begin = time.perf_counter()
         metrics = scope["app"].state.metrics
         status = 0
@@ -115,7 +124,21 @@ class Guards:
                 },
             )
 
+    def _is_misled(self, headers: Headers) -> bool:
+        """Tell whether a page elsewhere has had its own name mean this machine (DNS rebinding).
+
+        Its requests are of its own origin then, and nothing else would keep it out where no
+        token is asked for.
+        """
+        return self._is_for_this_machine and not names_this_machine(headers.get("host", ""))
+
     def _refusal(self, scope: Scope, headers: Headers, limit: int) -> tuple[str, str] | None:
+        if self._is_misled(headers):
+            return (
+                "forbidden",
+                "without tokens this is for localhost and addresses only, not for other names; "
+                "use --token-file, or have the proxy send Host: localhost",
+            )
         length = headers.get("content-length", "0")
         if length.isascii() and length.isdigit() and int(length[:18]) > limit:
             return "too-large", f"the body is longer than {limit} bytes"
@@ -128,3 +151,19 @@ class Guards:
             if not same:
                 return "forbidden", "pages of another origin may not do this"
         return None
+
+
+def names_this_machine(host: str) -> bool:
+    """Tell whether a Host header has a name that nobody else can make mean this machine.
+
+    >>> [names_this_machine(host) for host in ("localhost:8000", "[::1]:80", "evil.example", "")]
+    [True, True, False, True]
+    """
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+        if not host or name == "localhost":
+            return True
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

@@ -145,6 +145,18 @@ def test_one_service_a_folder(store):
         Store(store.folder)
 
 
+def test_a_second_service_says_so_in_one_line(store):
+    command = [sys.executable, "-m", "service", "serve", "--port", "0", "--zenoh", "off"]
+    ended = subprocess.run(
+        [*command, "--data", str(store.folder)],
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert ended.returncode == 2
+    assert ended.stdout == ""  # no address that nobody answers
+    said = f"depthsr: error: {store.folder}: another service works on this data folder\n"
+    assert ended.stderr == said
+
+
 def test_old_schemas_are_brought_up_and_newer_ones_refused(tmp_path):
     db = sqlite3.connect(tmp_path / "service.sqlite")
     db.executescript(f"{MIGRATIONS[0]}; PRAGMA user_version = 1;")

@@ -77,3 +77,23 @@ def test_a_wrong_line_is_named_without_its_token(tmp_path, line):
     with pytest.raises(ConfigurationError, match="line 2") as caught:
         Tokens(file)
     assert "secret" not in str(caught.value)
+
+
+def test_a_name_that_was_made_to_mean_this_machine_opens_nothing(live_service):
+    """A page whose name is resolved anew has the origin that it asks (DNS rebinding)."""
+    port = live_service.url.rpartition(":")[2]
+    with httpx.Client(base_url=live_service.url, timeout=60) as api:
+        for host, status in (
+            (f"evil.example:{port}", 403),
+            (f"127.0.0.1.evil.example:{port}", 403),
+            (f"localhost:{port}", 202),
+            (f"[::1]:{port}", 202),
+        ):
+            headers = {"Host": host, "Origin": f"http://{host}"}
+            body = {"scene": "tiny", "input": {"frames": ":1"}}
+            answer = api.post("/api/v1/jobs", json=body, headers=headers)
+            assert answer.status_code == status, answer.text
+            if status == 403:
+                assert api.get("/api/v1/jobs", headers=headers).status_code == 403
+            else:
+                api.post(f"{answer.headers['location']}/cancel")

@@ -249,6 +249,20 @@ def test_a_viewer_that_is_cut_off_is_forgotten(on_air):
     until(lambda: on_air.broadcast.viewers == 0)
 
 
+def test_a_page_whose_name_was_made_to_mean_this_machine_watches_nothing(on_air):
+    on_air.feed(3)
+    port = int(on_air.address.rpartition(":")[2])
+    for name in ("localhost", "evil.example"):
+        line = socket.create_connection(("127.0.0.1", port))
+        url = f"ws://{name}:{port}/api/v1/streams/room/watch/result/live"
+        if name == "localhost":
+            with connect(url, sock=line, origin=f"http://{name}:{port}") as viewer:
+                assert viewer.recv(PATIENCE)
+        else:
+            with pytest.raises(InvalidStatus):
+                connect(url, sock=line, origin=f"http://{name}:{port}")
+
+
 def test_who_may_watch(tmp_path):
     (tmp_path / "tokens").write_text(TOKENS)
     config = ServiceConfig(
