@@ -29,6 +29,7 @@ STREAM_ID = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 """Pattern of a stream's name."""
 
 MANIFESTS = f"{ROOT}/*/in/manifest"
+STATUSES = f"{ROOT}/*/status"
 """Selects the manifests of all streams."""
 
 _VIEW = re.compile(r"[^\x00-\x1f\x7f*$?#/]{1,64}")

@@ -14,7 +14,7 @@ import queue
 import secrets
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from pipeline.errors import PipelineError, SceneError
 from pipeline.media.live_manifest import LiveManifest, live_manifest, read_live_manifest
 from pipeline.stereo import StereoLayout
 from service.bus import keys
-from service.bus.bus import JSON, Bus, BusError, Sample, answer_json
+from service.bus.bus import JSON, Answer, Bus, BusError, Question, Sample, answer_json
 from service.bus.config import BusConfig
 from service.config import MIB, ServiceConfig
 from service.live.broadcast import Broadcasts
@@ -218,6 +218,7 @@ class Streams:
             if read is not None:
                 self._begin(item, read)
             self._kept.keep(item)
+        self._publish(item)
         self._on_change(stream)
         return item
 
@@ -272,6 +273,7 @@ class Streams:
             return
         bus.subscribe(keys.MANIFESTS, self._hear_manifest)
         bus.answer(keys.SERVICE, answer_json(keys.SERVICE, lambda question: self._listed()))
+        bus.answer(keys.STATUSES, self._asked_how_it_is)
         bus.live(keys.SERVICE)
         self._bus, self.problem = bus, ""
         where = ", ".join((*getattr(bus, "listening", config.listen)[:len(config.listen)],
@@ -328,6 +330,7 @@ class Streams:
         with self._lock:
             item = self._streams.get(note.stream)
             if item is not None and item.state is State.STOPPED:
+                self._publish(item)
                 return
             manifest = read_live_manifest(note.manifest)
             is_same = (
@@ -336,6 +339,8 @@ class Streams:
                 and item.manifest.content == manifest.content
             )
             if item is not None and is_same and item.state is not State.WAITING:
+                if item.state is State.FAILED:
+                    self._publish(item)
                 return
             check_views(manifest, self.config.max_views)
             if item is None:
@@ -508,9 +513,15 @@ class Streams:
 
     def _publish(self, item: Stream) -> None:
         """Tell subscribers of a stream without a worker how it is."""
-        said = {"stream": item.id, "run": item.run, "state": item.state.value,
-                "time_ns": time.time_ns(), "problem": item.problem}  # fmt: skip
-        self._put_status(item.id, said)
+        self._put_status(item.id, _how_it_is(item))
+
+    def _asked_how_it_is(self, question: Question) -> Iterator[Answer]:
+        """Answer for the streams whose worker cannot."""
+        for item in self.all():
+            key = keys.status(item.id)
+            if item.process is None and keys.matches(question.key, key):
+                payload = json.dumps(_how_it_is(item)).encode()
+                yield Answer(key=key, payload=payload, encoding=JSON)
 
     def _say_refused(self, stream: str, error: PipelineError) -> None:
         said = {"stream": stream, "state": "refused", "time_ns": time.time_ns(),
@@ -521,6 +532,11 @@ class Streams:
         if self._bus is not None:
             with contextlib.suppress(BusError):
                 self._bus.put(keys.status(stream), json.dumps(said).encode(), encoding=JSON)
+
+
+def _how_it_is(item: Stream) -> dict[str, Any]:
+    return {"stream": item.id, "run": item.run, "state": item.state.value,
+            "time_ns": time.time_ns(), "problem": item.problem}  # fmt: skip
 
 
 def check_views(manifest: LiveManifest, max_views: int) -> None:

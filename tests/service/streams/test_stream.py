@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import json
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from service.bus.bus import JSON
+from service.bus.memory import MemoryNetwork
 from service.config import ServiceConfig
 from service.live.broadcast import Broadcasts
 from service.streams.states import Action, State, TransitionError, after
@@ -14,6 +18,7 @@ from service.streams.streams import (
     Streams,
     TooManyStreamsError,
 )
+from tests.support.waiting import until
 
 MANIFEST = {"format": "depthsr-scene/1", "fps": "15/1", "views": [{"id": "a"}, {"id": "b"}]}
 
@@ -39,6 +44,30 @@ def test_streams_made_over_http_outlive_the_service(tmp_path):
     assert (kept["two"].state, kept["two"].options) == (State.STOPPED, {"wait": 0.5})
     before.remove("one")
     assert [item.id for item in KeptStreams(tmp_path / "streams").all()] == ["two"]
+
+
+def test_who_asks_hears_of_streams_without_a_worker(tmp_path):
+    network = MemoryNetwork()
+    config = ServiceConfig(data=tmp_path, workers=0)
+    streams = Streams(config, open_bus=lambda _: network.connect(), broadcasts=Broadcasts())
+    bus = network.connect()
+    heard = []
+    bus.subscribe("depthsr/*/status", lambda sample: heard.append(json.loads(sample.read())))
+    streams.start()
+    try:
+        streams.create("one", "ann")
+        assert [(item["stream"], item["state"]) for item in heard] == [("one", "waiting")]
+        streams.stop("one")
+        (answer,) = bus.ask("depthsr/one/status")
+        assert json.loads(answer.read())["state"] == "stopped"
+        assert len(bus.ask("depthsr/*/status")) == 1
+        assert bus.ask("depthsr/two/status") == []
+        heard.clear()  # its source comes later, and is told at each manifest
+        bus.put("depthsr/one/in/manifest", json.dumps(MANIFEST).encode(), encoding=JSON)
+        until(lambda: heard)
+        assert heard[-1]["state"] == "stopped"
+    finally:
+        streams.close()
 
 
 def test_what_cannot_be_made_is_refused(tmp_path):
