@@ -15,7 +15,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -78,6 +78,7 @@ MIGRATIONS = (
     CREATE INDEX job_parent ON job (parent);
     """,
     "CREATE INDEX job_client ON job (client, started);",
+    "ALTER TABLE upload ADD COLUMN metadata TEXT NOT NULL DEFAULT '';",
 )
 """One script for each step of ``PRAGMA user_version``."""
 
@@ -130,6 +131,8 @@ class UploadRecord:
     name: str
     length: int
     created: float
+    metadata: str
+    """As its client gave it."""
 
 
 class KeyReusedError(Exception):
@@ -421,15 +424,18 @@ class Store:
 
     # Uploads
 
-    def create_upload(self, client: str, name: str, length: int) -> UploadRecord:
+    def create_upload(
+        self, client: str, name: str, length: int, metadata: str = ""
+    ) -> UploadRecord:
         """Insert an upload."""
         record = UploadRecord(
-            id=uuid.uuid4().hex, client=client, name=name, length=length, created=self._clock()
-        )
+            id=uuid.uuid4().hex, client=client, name=name, length=length, created=self._clock(),
+            metadata=metadata,
+        )  # fmt: skip
         with self._transaction() as db:
             db.execute(
-                "INSERT INTO upload VALUES (?, ?, ?, ?, ?)",
-                (record.id, client, name, length, record.created),
+                "INSERT INTO upload VALUES (:id, :client, :name, :length, :created, :metadata)",
+                asdict(record),
             )
         return record
 

@@ -40,6 +40,9 @@ PRIVATE = ("/api/", "/dscqs/api/")
 BODY_PATIENCE = 60.0
 """Longest pause within a body, seconds."""
 
+OVERRIDES = ("PATCH", "DELETE", "HEAD")
+"""Methods of tus that a client which cannot send them names in X-HTTP-Method-Override."""
+
 SAFE = ("GET", "HEAD", "OPTIONS")
 
 
@@ -63,6 +66,9 @@ class Guards:
             else:
                 await self.app(scope, receive, send)
             return
+        meant = headers.get("x-http-method-override", "").upper()
+        if meant in OVERRIDES and scope["path"].startswith(uploads.router.prefix):
+            scope = {**scope, "method": meant}
         begin = time.perf_counter()
         metrics = scope["app"].state.metrics
         status = 0

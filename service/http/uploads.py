@@ -135,7 +135,8 @@ def create(request: Request, client: Annotated[Client, require("submit")]) -> Re
     if name is None:
         raise ProblemError("invalid", "Upload-Metadata: filename is not a plain relative name")
     check_space(request.app.state, client, length)
-    record = request.app.state.store.create_upload(client.name, name, length)
+    metadata = request.headers.get("upload-metadata", "")
+    record = request.app.state.store.create_upload(client.name, name, length, metadata)
     path_of(config.data, record.id).touch()
     return _answer(201, {"Location": f"/api/v1/uploads/{record.id}"})
 
@@ -146,7 +147,11 @@ def create(request: Request, client: Annotated[Client, require("submit")]) -> Re
     responses={
         200: {
             "description": "How much is there",
-            "headers": {**OFFSET, "Upload-Length": {"schema": {"type": "integer"}}},
+            "headers": {
+                **OFFSET,
+                "Upload-Length": {"schema": {"type": "integer"}},
+                "Upload-Metadata": {"schema": {"type": "string"}},
+            },
         },
         **responses(404, 412, 422),
     },
@@ -158,9 +163,8 @@ def offset(
     """Tell how much of an upload is there."""
     _check_version(request)
     record, path = _find(request, upload_id, client)
-    return _answer(
-        200, {"Upload-Offset": str(path.stat().st_size), "Upload-Length": str(record.length)}
-    )
+    headers = {"Upload-Offset": str(path.stat().st_size), "Upload-Length": str(record.length)}
+    return _answer(200, headers | ({"Upload-Metadata": record.metadata} if record.metadata else {}))
 
 
 @router.patch(

@@ -159,7 +159,8 @@ def test_a_second_service_says_so_in_one_line(store):
 
 def test_old_schemas_are_brought_up_and_newer_ones_refused(tmp_path):
     db = sqlite3.connect(tmp_path / "service.sqlite")
-    db.executescript(f"{MIGRATIONS[0]}; PRAGMA user_version = 1;")
+    db.executescript(f"{MIGRATIONS[0]}; {MIGRATIONS[1]}; PRAGMA user_version = 2;")
+    db.execute("INSERT INTO upload VALUES ('begun', 'anna', 'b.png', 7, 1)")
     db.execute(
         "INSERT INTO job (id, client, priority, state, request, created)"
         " VALUES ('old', 'anna', 0, 'queued', '{}', 1)"
@@ -168,6 +169,7 @@ def test_old_schemas_are_brought_up_and_newer_ones_refused(tmp_path):
     db.close()
     store = Store(tmp_path)
     assert store.job("old").state is State.QUEUED
+    assert store.upload("begun").length == 7
     assert store.create_upload("anna", "a.png", 3).length == 3
     store.close()
     db = sqlite3.connect(tmp_path / "service.sqlite")

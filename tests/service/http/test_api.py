@@ -164,11 +164,17 @@ def test_tus_by_hand(api):
         api.patch(where, headers={**TUS, **kind, "Upload-Offset": "3"}, content=b"defg"),
         413, "too-large",
     )  # fmt: skip
-    assert api.head(where, headers=TUS).headers["upload-offset"] == "3"
+    there = api.head(where, headers=TUS).headers
+    assert (there["upload-offset"], there["upload-metadata"]) == ("3", f"filename {name}")
     is_problem(api.post("/api/v1/jobs", json={"uploads": {"a.bin": where[-32:]}}), 409, "conflict")
     is_problem(
         api.post("/api/v1/uploads", headers={"Upload-Length": "5"}), 412, "precondition-failed"
     )
+    rest = {"Upload-Offset": "3", "X-HTTP-Method-Override": "PATCH"}
+    assert api.post(where, headers={**TUS, **kind, **rest}, content=b"de").status_code == 204
+    assert api.head(where, headers=TUS).headers["upload-offset"] == "5"
+    foreign = {"X-HTTP-Method-Override": "DELETE", "Origin": "http://evil.example"}
+    is_problem(api.get(where, headers={**TUS, **foreign}), 403, "forbidden")
     assert api.delete(where, headers=TUS).status_code == 204
     assert api.head(where, headers=TUS).status_code == 404
 
