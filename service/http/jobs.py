@@ -28,7 +28,7 @@ from service.http import uploads
 from service.http.auth import Client, require
 from service.http.files import TAGGED, Known, add_heads, matches, send_file, tag_of, unchanged
 from service.http.problems import ProblemError, responses
-from service.http.quota import check_queue, check_space
+from service.http.quota import check_queue, check_space, note_size
 from service.jobs.pictures import too_large
 from service.jobs.request import JobRequest, export_options, make_job, safe_name
 from service.jobs.states import Action, State, TransitionError
@@ -279,7 +279,8 @@ def _take(
         if known is not None:
             return known
         check_queue(state, client)
-        check_space(state, client, sum(item.size or 0 for item in files))
+        sent = sum(item.size or 0 for item in files)
+        check_space(state, client, sent)
         job_id = uuid.uuid4().hex
         folder = job_folder(state.config.data, job_id)
         try:
@@ -301,6 +302,7 @@ def _take(
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise
+        note_size(state.config.data, job_id, sent)
     state.scheduler.poke()
     return record
 

@@ -23,6 +23,11 @@ TOO_OLD = 30.0
 """Sizes older than this are not believed: who asks waits for new ones, seconds."""
 
 _known: dict[Path, tuple[float, Mapping[str, int]]] = {}
+"""When a folder's sizes began to be measured, and what they are."""
+
+_noted: dict[Path, dict[str, tuple[float, int]]] = {}
+"""What came since, by its id: when, and its size."""
+
 _measuring: set[Path] = set()
 _news = threading.Condition()
 
@@ -63,6 +68,12 @@ def check_space(state: Any, client: Client, wanted: int) -> None:
             raise ProblemError("disk-full", "your quota is used up; delete old jobs")
 
 
+def note_size(folder: Path, owner: str, size: int) -> None:
+    """Let what has just come for a job or an upload count before sizes are measured anew."""
+    with _news:
+        _noted.setdefault(folder, {})[owner] = (time.monotonic(), size)
+
+
 def folder_size(folder: Path) -> int:
     """Return the bytes of the files in the data folder as of a few seconds ago."""
     return sum(_sizes(folder).values())
@@ -84,15 +95,19 @@ def _sizes(folder: Path) -> Mapping[str, int]:
             ).start()
         if age > TOO_OLD:
             _news.wait_for(lambda: folder not in _measuring)
-            _, sizes = _known.get(folder, (age, sizes))
-        return sizes
+            measured, sizes = _known.get(folder, (measured, sizes))
+        noted = _noted.get(folder, {})
+        return {**sizes, **{owner: size for owner, (at, size) in noted.items() if at > measured}}
 
 
 def _measure(folder: Path) -> None:
+    begin = time.monotonic()
     try:
         sizes = _measured(folder)
         with _news:
-            _known[folder] = (time.monotonic(), sizes)
+            _known[folder] = (begin, sizes)
+            noted = _noted.pop(folder, {})
+            _noted[folder] = {owner: note for owner, note in noted.items() if note[0] > begin}
     finally:
         with _news:
             _measuring.discard(folder)

@@ -25,7 +25,7 @@ from starlette.requests import ClientDisconnect
 from service.config import MIB
 from service.http.auth import Client, require
 from service.http.problems import ProblemError, responses
-from service.http.quota import check_space
+from service.http.quota import check_space, note_size
 from service.jobs.request import safe_name
 from service.store import Store, UploadRecord
 
@@ -215,6 +215,7 @@ async def append(
                 return Response(status_code=499)
             finally:
                 await asyncio.to_thread(_flush, file.fileno(), file.flush)
+                note_size(request.app.state.config.data, upload_id, at)
     finally:
         with _busy_lock:
             _busy.discard(upload_id)
