@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Iterator
 from typing import Any
 
-PATIENCE_MS = 60_000
+PATIENCE_MS = 120_000
 """How long a loaded machine may take for what takes a second."""
 
 

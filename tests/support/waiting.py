@@ -7,8 +7,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-PATIENCE = 120.0
-"""Seconds for anything: the machine may be busy. It costs nothing where all goes well."""
+PATIENCE = 300.0
+"""Seconds for anything: a busy machine may have to compile everything first. It costs nothing
+where all goes well."""
 
 
 def until(check: Callable[[], Any]) -> Any:

@@ -69,8 +69,8 @@ def plan(stimuli: dict[str, str]) -> dict[str, Any]:
     return {
         "name": "set 1", "folder": "set1", "contents": list(CONTENTS),
         "conditions": list(CONDITIONS), "reference": REFERENCE, "dummies": 1,
-        "stimuli": {key: name for key, name in stimuli.items() if key != "lawn/bicubic"},
-        "training": ["lawn/sr"], "break_every": 3, "break_s": 0,
+        "stimuli": {key: name for key, name in stimuli.items() if key != "meadow/bicubic"},
+        "training": ["meadow/sr"], "break_every": 3, "break_s": 0,
         "displays": ["polarised", "autostereoscopic"],
     }  # fmt: skip
 

@@ -16,13 +16,14 @@ import uvicorn
 from pipeline.media.png import encode_png
 from service.dscqs_client import AssessorClient
 from tests.support.ports import free_port
+from tests.support.waiting import PATIENCE
 
 CONTENTS, CONDITIONS, REFERENCE = ("ballet", "street"), ("bicubic", "sr"), "original"
 
 
 def colour_of(content: str, condition: str) -> tuple[int, int, int]:
     """Every stimulus has a colour of its own, by which a test knows it again."""
-    contents, conditions = (*CONTENTS, "lawn"), (REFERENCE, *CONDITIONS)
+    contents, conditions = (*CONTENTS, "meadow"), (REFERENCE, *CONDITIONS)
     return 40 + 60 * contents.index(content), 30 + 70 * conditions.index(condition), 90
 
 
@@ -30,7 +31,7 @@ def write_stimuli(folder: Path) -> dict[str, str]:
     """Write the pictures of a plan; noise makes their lengths differ much."""
     folder.mkdir(parents=True, exist_ok=True)
     stimuli = {}
-    for content in (*CONTENTS, "lawn"):
+    for content in (*CONTENTS, "meadow"):
         for number, condition in enumerate((REFERENCE, *CONDITIONS)):
             picture = np.zeros((24, 64, 3), np.uint8)
             picture[:] = colour_of(content, condition)
@@ -81,7 +82,7 @@ class KillableService:
         forks.set_forkserver_preload(["service.app", "uvicorn"])
         self.process = forks.Process(target=_serve, args=(self.data, self.roots, self.port))
         self.process.start()
-        until = time.monotonic() + 60
+        until = time.monotonic() + PATIENCE
         while True:
             try:
                 with socket.create_connection(("127.0.0.1", self.port), timeout=1):
@@ -95,7 +96,7 @@ class KillableService:
         """End it as a crash does: SIGKILL, no goodbye."""
         assert self.process is not None
         self.process.kill()
-        self.process.join(60)
+        self.process.join(PATIENCE)
 
     @property
     def url(self) -> str:

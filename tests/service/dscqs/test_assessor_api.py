@@ -316,7 +316,7 @@ def test_other_pixels_than_those_of_the_stimulus_are_a_failed_showing(operator, 
     client = enter(test)
     state = walk(client, until=lambda state: state["stage"] == "training")
     item = operator.document(test)["sessions"][0]["order"][0]
-    keys = [f"lawn/{REFERENCE}", f"lawn/{item['condition']}"]
+    keys = [f"meadow/{REFERENCE}", f"meadow/{item['condition']}"]
     right = dict(zip("AB" if item["reference_is_a"] else "BA", map(pixels.get, keys), strict=True))
     for reported, index in (({**right, "B": "0" * 63 + "f"}, 0), (right, 1)):
         client.present()

@@ -19,7 +19,7 @@ def measured(monkeypatch, operator, served, plan):
     monkeypatch.setattr(bench, "TWICE", 0.5)
     short = {**plan, "training": [], "break_every": 0, "dummies": 0}
     short["stimuli"] = {
-        key: name for key, name in plan["stimuli"].items() if not key.startswith("lawn")
+        key: name for key, name in plan["stimuli"].items() if not key.startswith("meadow")
     }
     return bench.measure(
         operator, served.url, plan_from_dict(short), 4, speed=1000.0, service=os.getpid()

@@ -14,8 +14,7 @@ from dscqs.exchange.files import parse_scores
 from dscqs.votes import Order, parse_csv
 from service.dscqs_client import AssessorClient
 from tests.service.dscqs.support import walk
-
-PATIENCE_MS = 60_000
+from tests.support.browser import PATIENCE_MS
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +66,7 @@ def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http, o
     page.get_by_label("Times A and B are shown in turn").fill("3")
     page.get_by_label("A or B is shown [s]").fill("2.5")
     page.get_by_label("fatigue after").uncheck()
-    page.get_by_label("Training contents").fill("lawn")
+    page.get_by_label("Training contents").fill("meadow")
     page.get_by_label("Dummies at the start").fill("1")
     page.get_by_label("Name", exact=True).fill("Thesis, set 1")
     page.get_by_label("autostereoscopic").check()

@@ -43,7 +43,7 @@ def plan(stimuli: dict[str, str], desk: str) -> dict[str, Any]:
     return {
         "name": "in a browser", "folder": "set1", "contents": list(CONTENTS),
         "conditions": list(CONDITIONS), "reference": REFERENCE, "dummies": 1,
-        "stimuli": {key: name for key, name in stimuli.items() if not key.startswith("lawn")},
+        "stimuli": {key: name for key, name in stimuli.items() if not key.startswith("meadow")},
         "displays": [desk], "timing": TIMING, "stages": [],
     }  # fmt: skip
 

@@ -16,6 +16,7 @@ from tests.service.dscqs.support import KillableService, write_stimuli
 from tests.service.dscqs_pages.conftest import PROFILE, TIMING
 from tests.service.dscqs_pages.test_session import document_of, given, votes_of
 from tests.support.assessor_page import AssessorPage
+from tests.support.waiting import PATIENCE
 
 
 @pytest.fixture
@@ -44,7 +45,7 @@ def away(service: KillableService) -> Iterator[None]:
     coming = threading.Timer(0.2, service.start)
     coming.start()
     yield
-    coming.join(60)
+    coming.join(PATIENCE)
 
 
 def come_to_showing(seat: AssessorPage) -> None:

@@ -51,10 +51,10 @@ def sides_of(vote: dict[str, str]) -> list[list[int]]:
 
 def test_a_whole_session(enter, make_test, operator, plan):
     plan = {
-        **plan, "break_every": 3, "break_s": 0, "training": ["lawn/sr"],
+        **plan, "break_every": 3, "break_s": 0, "training": ["meadow/sr"],
         "stages": ["instructions", "screening", "stereo_acuity", "fatigue_before", "fatigue_after"],
-        "stimuli": {**plan["stimuli"], "lawn/original": "lawn-original.png",
-                    "lawn/sr": "lawn-sr.png"},
+        "stimuli": {**plan["stimuli"], "meadow/original": "meadow-original.png",
+                    "meadow/sr": "meadow-sr.png"},
     }  # fmt: skip
     test = make_test(plan)
     seat = enter(test)

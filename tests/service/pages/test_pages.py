@@ -17,10 +17,10 @@ from pipeline.stereo import anaglyph
 from service.config import ServiceConfig
 from tests.service.http.test_api import follow
 from tests.service.http.test_watch import OnAir
+from tests.support.browser import PATIENCE_MS
 
 FRAMES = 24
 SOUGHT = 17
-PATIENCE_MS = 60_000
 TOKEN = "a-token-for-everything"
 
 
