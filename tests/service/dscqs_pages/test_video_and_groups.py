@@ -90,7 +90,7 @@ def test_a_group_votes_on_telephones(make_tab, make_test, operator, plan, served
             phone.wait_for("vote")
             assert problems(phone.page) == []
             phone.vote(80 - 10 * number, 20 + 10 * index)
-            phone.wait_for("phone-wait", "vote")
+            phone.wait_until_sent()
         screen.page.wait_for_selector("main:not(:has(#past))", state="attached")
     votes = votes_of(operator, test)
     for name, phone in zip(("g1", "g2"), phones, strict=True):
