@@ -15,11 +15,10 @@ import numpy as np
 import pytest
 
 from service.cli import main
+from tests.support.waiting import PATIENCE
 
 ROOT = Path(__file__).parents[2]
 HEIGHT, WIDTH = 22, 34
-PATIENCE = 120.0
-"""Seconds until a process counts as hung; the first one may compile."""
 
 
 @pytest.fixture(scope="module")
@@ -195,11 +194,15 @@ def test_version():
     assert "numpy" in depthsr("version").stdout
 
 
+def _num_segments(folder: Path) -> int:
+    return len(list(folder.glob(".out.mkv.depthsr/segment-*.json")))
+
+
 def _wait_for_segments(folder: Path, process: subprocess.Popen, count: int) -> None:
     """Return when that many segments are finished; fail if the process ends before."""
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
-        if len(list(folder.glob(".out.mkv.depthsr/segment-*.json"))) >= count:
+        if _num_segments(folder) >= count:
             return
         assert process.poll() is None, process.communicate()[1]
         time.sleep(0.002)
@@ -211,19 +214,19 @@ def test_interrupted_and_resumed_run_ends_with_the_same_bytes(scene, undisturbed
     options = ("run", scene, "-o", tmp_path / "out.mkv", "--segment-length", 1)
     process = _start(*options)
     _wait_for_segments(tmp_path, process, 2)
-    begin = time.monotonic()
+    begin, finished = time.monotonic(), _num_segments(tmp_path)
     process.send_signal(number)
     _, err = process.communicate(timeout=PATIENCE)
     seconds = time.monotonic() - begin
     assert not (tmp_path / "out.mkv").exists()
-    assert list(tmp_path.glob(".out.mkv.depthsr/segment-*.json"))
+    assert finished <= _num_segments(tmp_path) <= finished + 3  # of 16: what was begun
     if number == signal.SIGKILL:
         assert process.returncode == -signal.SIGKILL
     else:
         assert process.returncode == 130
         assert err.splitlines()[-1].startswith("depthsr: interrupted")
         assert "Traceback" not in err
-        assert seconds < 5
+        assert seconds < 30
     done = depthsr(*options, "--resume")
     assert done.returncode == 0, done.stderr
     assert "done before" in done.stderr

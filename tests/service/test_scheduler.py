@@ -19,6 +19,7 @@ def test_jobs_of_one_client_share_a_process_that_nobody_else_gets(
     tmp_path, tiny_scene, monkeypatch
 ):
     """And a clock that jumps costs nobody an attempt."""
+    monkeypatch.setattr(scheduling, "REST", PATIENCE)
     ended, seen, hours = threading.Semaphore(0), {}, [0]
     store = Store(tmp_path, clock=lambda: time.time() + 3600 * hours[-1])
 
