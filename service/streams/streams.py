@@ -516,10 +516,11 @@ class Streams:
         self._put_status(item.id, _how_it_is(item))
 
     def _asked_how_it_is(self, question: Question) -> Iterator[Answer]:
-        """Answer for the streams whose worker cannot."""
+        """Answer for the streams whose worker says nothing: not yet, or not any more."""
         for item in self.all():
-            key = keys.status(item.id)
-            if item.process is None and keys.matches(question.key, key):
+            key, process = keys.status(item.id), item.process
+            is_told = process is not None and item.status and not process.asked_to_stop
+            if not is_told and keys.matches(question.key, key):
                 payload = json.dumps(_how_it_is(item)).encode()
                 yield Answer(key=key, payload=payload, encoding=JSON)
 

@@ -66,6 +66,10 @@ def test_who_asks_hears_of_streams_without_a_worker(tmp_path):
         bus.put("depthsr/one/in/manifest", json.dumps(MANIFEST).encode(), encoding=JSON)
         until(lambda: heard)
         assert heard[-1]["state"] == "stopped"
+        streams.create("one", "ann", manifest=MANIFEST)
+        until(lambda: streams.get("one").process)  # which has not said anything yet
+        (answer,) = bus.ask("depthsr/one/status")
+        assert json.loads(answer.read())["state"] == "starting"
     finally:
         streams.close()
 
