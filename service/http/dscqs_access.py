@@ -95,7 +95,7 @@ def _own_token(path: Path) -> str:
     except FileNotFoundError:
         token = ""
     if len(token) < 32:
-        token = secrets.token_urlsafe(32)
+        token = secrets.token_hex(32)
         path.touch(mode=0o600)
         path.write_text(token + "\n", encoding="ascii")
     return token

@@ -57,6 +57,11 @@ def test_from_results_to_scores(served, tmp_path, capsys):
         assert 4 < said["sd"] < 10
 
 
+def test_a_token_is_a_word_that_no_command_takes_for_an_option(served):
+    assert len(served.token) == 64
+    assert served.token.isalnum()
+
+
 def test_a_simulated_assessor_grades_as_the_model_says():
     model = AssessorModel(
         quality={"sr": 60.0}, content_sd=0, bias_sd=10, noise_sd=4, lapse=0, seed=3
