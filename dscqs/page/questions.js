@@ -44,9 +44,8 @@ export function askRings(place, profile, words) {
   });
 }
 
-/** Show the plates one by one; resolves with {shown, right, result}. */
-export function askPlates(place, words) {
-  const seed = freshSeed();
+/** Show the plates of a seed one by one; resolves with {shown, right, result}. */
+export function askPlates(place, words, seed = freshSeed()) {
   const digits = drawDigits(seed);
   const canvas = el("canvas", { class: "plate", role: "img", "aria-label": words.plateQuestion });
   let at = 0;
