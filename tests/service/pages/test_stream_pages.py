@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from pipeline.stereo import StereoLayout
 from service.config import ServiceConfig
 from tests.service.http.test_watch import FPS, OnAir
 from tests.service.pages.test_pages import _pixels, _until, opened
+from tests.support.waiting import PATIENCE
 
 
 class Camera:
@@ -126,9 +128,9 @@ def test_a_worker_that_is_started_anew_is_watched_on(chromium, station):
         camera.pause()
         camera.begin_anew(100)
         camera.go_on()
-        for _ in range(1000):
-            if int(_pixels(page)[16, 16, 1]) > 125:
-                break
+        deadline = time.monotonic() + PATIENCE
+        while int(_pixels(page)[16, 16, 1]) <= 125:
+            assert time.monotonic() < deadline, "the new worker is not seen"
             page.wait_for_timeout(20)
         drawn = page.evaluate("window.depthsrWatch.numbers().drawn")
         _until(page, f"window.depthsrWatch.numbers().drawn > {drawn + 10}")
