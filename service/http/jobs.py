@@ -24,6 +24,7 @@ from starlette.formparsers import MultiPartException
 from starlette.requests import ClientDisconnect, HTTPConnection
 
 from pipeline.job import Job
+from service.config import MIB
 from service.http import uploads
 from service.http.auth import Client, require
 from service.http.files import TAGGED, Known, add_heads, matches, send_file, tag_of, unchanged
@@ -227,7 +228,7 @@ async def create(
             said = form.get("job", "{}")
             if not files:
                 raise ProblemError("invalid", "files: none were sent")
-            text = said if isinstance(said, str) else ""
+            text = said if isinstance(said, str) else await _text_of(said)
         elif kind == "application/json":
             try:
                 text = (await request.body()).decode()
@@ -241,6 +242,16 @@ async def create(
     response.headers["Location"] = f"/api/v1/jobs/{record.id}"
     response.headers["Retry-After"] = "1"
     return view_of(record)
+
+
+async def _text_of(file: UploadFile) -> str:
+    """Return the text of a form's field that came as a file, as browsers send a Blob."""
+    try:
+        return (await file.read(MIB)).decode()
+    except ValueError as error:
+        raise ProblemError("bad-request", "job: is not UTF-8") from error
+    finally:
+        await file.close()
 
 
 _creating: set[tuple[str, str]] = set()

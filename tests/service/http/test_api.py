@@ -110,6 +110,17 @@ def test_a_job_unchanged_is_not_sent_again(api, done):
         assert (again.status_code, again.content) == (304, b"")
 
 
+def test_the_job_of_a_form_may_come_as_a_file(api):
+    """As browsers send a Blob of JSON."""
+    said = ("job", ("job.json", b'{"priority": 3}', "application/json"))
+    answer = api.post("/api/v1/jobs", files=[said, ("files", ("a.dat", b"x"))])
+    assert (answer.status_code, answer.json()["priority"]) == (202, 3)
+    wrong = ("job", ("job.json", b"\xff", "application/json"))
+    is_problem(
+        api.post("/api/v1/jobs", files=[wrong, ("files", ("a.dat", b"x"))]), 400, "bad-request"
+    )
+
+
 def test_multipart_upload_is_a_job(api, tiny_scene):
     names = [path for path in sorted(tiny_scene.rglob("*")) if path.is_file()]
     files = [("files", (p.relative_to(tiny_scene).as_posix(), p.read_bytes())) for p in names]
