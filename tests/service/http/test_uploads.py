@@ -8,6 +8,7 @@ import pytest
 
 from service.http import uploads
 from service.store import Store
+from tests.support.waiting import PATIENCE
 
 
 def test_old_uploads_are_swept_while_the_service_runs(tmp_path, monkeypatch):
@@ -24,7 +25,7 @@ def test_old_uploads_are_swept_while_the_service_runs(tmp_path, monkeypatch):
         uploads.path_of(tmp_path, record.id).touch()
 
     async def some_time():
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE):
             sweeping = asyncio.create_task(uploads.keep_swept(store))
             while store.upload(old.id) is not None:
                 await asyncio.sleep(0.001)
