@@ -2,16 +2,57 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import socket
 from collections.abc import Callable
 from types import FrameType
+from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from pipeline.errors import ConfigurationError
 from service.config import ServiceConfig
+
+HEAD_PATIENCE = 20.0
+"""Longest time for the head of a request, seconds."""
+
+
+class PunctualProtocol(H11Protocol):
+    """A connection that is let go when a head does not come in time: others want its place."""
+
+    _timer: asyncio.TimerHandle | None = None
+    _last: Any = None
+    """The request before the one whose head is waited for."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Wait for the first head."""
+        super().connection_made(transport)
+        self._expect_head()
+
+    def data_received(self, data: bytes) -> None:
+        """Go on, and wait for the rest of a head that has begun."""
+        before = self.cycle
+        is_head = before is None or before.response_complete
+        super().data_received(data)
+        if is_head and self.cycle is before:
+            self._expect_head()
+
+    def _expect_head(self) -> None:
+        if self._timer is not None:
+            if self._last is self.cycle:  # that long already
+                return
+            self._timer.cancel()
+        self._last = self.cycle
+        self._timer = self.loop.call_later(HEAD_PATIENCE, self._give_up)
+
+    def _give_up(self) -> None:
+        """Let go unless a head has come since, or the connection became a WebSocket."""
+        self._timer = None
+        if self.cycle is self._last and self.transport.get_protocol() is self:
+            self.transport.close()
 
 
 class Server(uvicorn.Server):
@@ -47,6 +88,7 @@ def serve(app: FastAPI, config: ServiceConfig, *, say: Callable[[str], object]) 
         ) from error
     settings = uvicorn.Config(
         app,
+        http=PunctualProtocol,
         log_config=None,
         server_header=False,
         timeout_keep_alive=15,
