@@ -143,7 +143,7 @@ class Guards:
             return (
                 "forbidden",
                 "without tokens this is for localhost and addresses only, not for other names; "
-                "use --token-file, or have the proxy send Host: localhost",
+                "use --token-file",
             )
         length = headers.get("content-length", "0")
         if length.isascii() and length.isdigit() and int(length[:18]) > limit:
