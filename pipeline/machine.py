@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import platform
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -31,6 +32,26 @@ def cpu_model() -> str:
 def load_average() -> float:
     """Return how many threads wanted to run in the last minute, NaN where not known."""
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
+
+
+def available_memory(root: Path = Path("/")) -> float:
+    """Return the bytes that may still be taken: by the machine, or by this control group.
+
+    Infinite where the system does not tell. Files that the system keeps in memory only because
+    nobody needs it count as free.
+    """
+
+    def numbers(name: str, pattern: str) -> list[float]:
+        file = root / name
+        text = file.read_text(encoding="ascii") if file.is_file() else ""
+        return [float(number) for number in re.findall(pattern, text, re.M)]
+
+    group = "sys/fs/cgroup/memory"
+    free = [1024 * size for size in numbers("proc/meminfo", r"^MemAvailable: +(\d+) kB$")]
+    for most in numbers(f"{group}.max", r"^(\d+)$"):
+        taken = sum(numbers(f"{group}.current", r"^(\d+)$"))
+        free.append(most - taken + sum(numbers(f"{group}.stat", r"^inactive_file (\d+)$")))
+    return min(free, default=math.inf)
 
 
 def machine() -> dict[str, str]:

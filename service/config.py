@@ -48,6 +48,9 @@ class ServiceConfig:
     workers: int = setting(1, "jobs computed at the same time", unit="processes")
     worker_threads: int = setting(0, "threads of a worker (0: the job's)", unit="threads")
     worker_memory: int = setting(16384, "address space of a worker (0: no limit)", unit="MiB")
+    memory_reserve: int = setting(
+        1024, "memory that must be free before one more worker begins beside others", unit="MiB"
+    )
     worker_nice: int = setting(5, "how far jobs' workers step back for others", unit="nice")
     cluster: str | None = setting(
         None, "compute jobs on the workers of the Dask scheduler there: tcp://HOST:PORT"
@@ -96,7 +99,8 @@ class ServiceConfig:
     def __post_init__(self) -> None:
         limits = {
             "port": (0, 65535), "workers": (0, 256), "worker_threads": (0, 256),
-            "worker_memory": (0, 1 << 24), "worker_nice": (0, 19), "max_attempts": (1, 100),
+            "worker_memory": (0, 1 << 24), "memory_reserve": (0, 1 << 24), "worker_nice": (0, 19),
+            "max_attempts": (1, 100),
             "lease": (1, 3600), "stall": (1, 86400), "max_body": (1, 1 << 24),
             "max_files": (1, 1_000_000), "max_pixels": (1, 1 << 30),
             "max_frames": (1, 10_000_000), "max_queue": (1, 1_000_000),

@@ -17,6 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from pipeline.machine import available_memory
 from service.child import environment
 from service.config import MIB, ServiceConfig
 from service.jobs.states import Action, State, TransitionError
@@ -155,8 +156,10 @@ class Scheduler:
 
     @property
     def _has_room(self) -> bool:
-        """False while somebody has to make room on the disk."""
-        return shutil.disk_usage(self.store.folder).free >= self.config.disk_reserve * MIB
+        """False while the disk has no room, or memory none for one more worker beside others."""
+        if shutil.disk_usage(self.store.folder).free < self.config.disk_reserve * MIB:
+            return False
+        return not self.busy or available_memory() >= self.config.memory_reserve * MIB
 
     def _rested(self, client: str) -> _Process | None:
         """Take a process that has done a job of the same client, and is good for another one.

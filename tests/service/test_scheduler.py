@@ -15,6 +15,39 @@ from service.store import Store
 from tests.support.waiting import PATIENCE, until
 
 
+def test_one_more_worker_waits_until_memory_is_free(tmp_path, tiny_scene):
+    """There is never as much as is asked for here; a worker alone begins all the same."""
+    ended, seen = threading.Semaphore(0), []
+    store = Store(tmp_path)
+    config = ServiceConfig(
+        data=tmp_path, workers=2, worker_threads=1, worker_nice=0, memory_reserve=1 << 24
+    )
+    scheduler = Scheduler(
+        store,
+        config,
+        on_event=lambda kind, data: seen.append(scheduler.busy),
+        on_end=lambda job: ended.release(),
+    )
+    jobs = [_add(store, tiny_scene, client, 1) for client in ("anna", "bert")]
+    scheduler.start()
+    try:
+        for _ in jobs:
+            assert ended.acquire(timeout=PATIENCE)
+        assert {store.job(job).state for job in jobs} == {State.SUCCEEDED}
+        assert max(seen) == 1
+    finally:
+        scheduler.close()
+        store.close()
+
+
+def _add(store, scene, client, priority):
+    wanted = {"scene": str(scene), "input": {"frames": ":1"}}
+    request = {"request": wanted, "scene": str(scene), "name": "tiny"}
+    job_id = uuid.uuid4().hex
+    store.create_job(job_id=job_id, client=client, request=request, priority=priority)
+    return job_id
+
+
 def test_jobs_of_one_client_share_a_process_that_nobody_else_gets(
     tmp_path, tiny_scene, monkeypatch
 ):
@@ -35,19 +68,12 @@ def test_jobs_of_one_client_share_a_process_that_nobody_else_gets(
         on_end=lambda job: ended.release(),
     )
 
-    def add(client, priority):
-        wanted = {"scene": str(tiny_scene), "input": {"frames": ":1"}}
-        request = {"request": wanted, "scene": str(tiny_scene), "name": "tiny"}
-        job_id = uuid.uuid4().hex
-        store.create_job(job_id=job_id, client=client, request=request, priority=priority)
-        return job_id
-
-    jobs = [add("anna", 2), add("anna", 1), add("bert", 0)]
+    jobs = [_add(store, tiny_scene, *who) for who in (("anna", 2), ("anna", 1), ("bert", 0))]
     scheduler.start()
     try:
         for _ in jobs:
             assert ended.acquire(timeout=PATIENCE)
-        jobs.append(add("bert", 0))
+        jobs.append(_add(store, tiny_scene, "bert", 0))
         scheduler.poke()
         assert ended.acquire(timeout=PATIENCE)
         assert {store.job(job).state for job in jobs} == {State.SUCCEEDED}
