@@ -59,6 +59,7 @@ from pipeline.results import (
     ViewReport,
 )
 from pipeline.temporal.initial import BlockMatch, StartChoice, match_blocks, warped
+from pipeline.temporal.moving import has_moved
 from pipeline.temporal.neighbours import with_neighbours
 from pipeline.temporal.still import Still, first_seen, seen_again
 from pipeline.threads import map_threads, set_threads, stoppable
@@ -78,6 +79,16 @@ WARM = FusedTuning(alone=0.0, together=4)
 
 NEW = FusedTuning(alone=0.0, together=14, settled=0.08)
 """The same where the previous frame does not show it."""
+
+MOVED = FusedTuning(together=8, prior_strength=0.1)
+"""Work from a cold start where the camera has moved, of two views and at σ_psf 1: few steps smooth
+by themselves, and leave less to the prior. More views need no more steps as it is."""
+
+MOVED_FROM = 1.0
+"""Noise from which so few steps are enough: with less of it there is more to find, grey levels."""
+
+MOVED_PSF_POWER = 0.6
+"""They grow with σ_psf to this power, or with its inverse."""
 
 STILL = FusedTuning(alone=0.0, together=2)
 """The same where nothing has changed but the mean of the observations."""
@@ -137,6 +148,8 @@ class RegisteredFrame:
     where the frame starts cold."""
     is_cut: bool
     """Whether the frame before this one shows something else."""
+    has_moved: bool
+    """Whether it shows the same from another place."""
     effort: Effort
     motions_are_kept: bool
     """Whether the motions are those of the frame before, unchanged."""
@@ -255,10 +268,15 @@ def register_frame(
     clock.done("preparation")
     with stoppable(stop):
         matches = {} if memory is None else memory.matches(frame, targets, noise)
-        is_cut = any(match.is_cut for match in matches.values())
+        is_other = any(match.is_cut for match in matches.values())
+        has_moved = memory is not None and is_other and memory.has_moved(frame, targets)
+        is_cut = is_other and not has_moved
         if is_cut and memory is not None:
             memory.forget()
             matches, noise = {}, memory.noise(frame, settings, sources)
+        if has_moved and memory is not None:
+            memory.move()
+            matches = {}
         if memory is not None:
             frame = memory.averaged(frame, noise)
             if not added:
@@ -266,7 +284,10 @@ def register_frame(
             views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
         previous = None if memory is None else memory.previous
         keeps_motions = (
-            previous is not None and not effort.register and _covers(previous, targets, observed)
+            previous is not None
+            and not effort.register
+            and not has_moved
+            and _covers(previous, targets, observed)
         )
         if previous is not None and keeps_motions:
             found = previous
@@ -293,6 +314,7 @@ def register_frame(
         registrations=registrations,
         matches=matches,
         is_cut=is_cut,
+        has_moved=has_moved,
         effort=effort,
         motions_are_kept=keeps_motions,
         turn=1 if memory is None else memory.turn,
@@ -384,6 +406,16 @@ class Memory:
         found = map_threads(estimate_noise, [frame.view(name).luma for name in due])
         self._noise = {**self._noise, **dict(zip(due, found, strict=True))}
         return float(np.median([self._noise[name] for name in view_ids]))
+
+    def has_moved(self, frame: MultiViewFrame, targets: Sequence[str]) -> bool:
+        """Return whether a frame shows the targets as the one before, from another place."""
+        return all(has_moved(frame.view(target).luma, self._observed[target]) for target in targets)
+
+    def move(self) -> None:
+        """Keep of the frames so far only what holds wherever the rig is."""
+        assert self.previous is not None  # it has moved since then
+        self.previous = replace(self.previous, has_moved=True)
+        self.still = {}
 
     def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
         """Take note of a frame that is not computed."""
@@ -600,7 +632,8 @@ def _reconstruct(
     registered = [registration.registered for registration in registrations]
     lr_shape = reference.luma.shape
     learned = chosen_filters(settings, frame.psf, frame.noise)
-    start, choice = None, StartChoice(warm_share=0.0, is_cut=frame.is_cut)
+    start = None
+    choice = StartChoice(warm_share=0.0, is_cut=frame.is_cut, has_moved=frame.has_moved)
     if previous is not None:
         match = frame.matches[target]
         cold = estimate_alone(reference.luma, grid, frame.psf, frame.noise, learned)
@@ -620,7 +653,8 @@ def _reconstruct(
     else:
         solved = _solve(
             settings, frame.psf, frame.noise, registered, grid,
-            (lr_shape[0], lr_shape[1]), stop, start, learned, frame.effort.steps,
+            (lr_shape[0], lr_shape[1]), stop, start, _tuning(frame, len(registered), start),
+            learned, frame.effort.steps,
         )  # fmt: skip
     if stop is not None and stop():
         raise Interrupted
@@ -722,6 +756,17 @@ def _frames_solved(
     return frames
 
 
+def _tuning(frame: RegisteredFrame, num_views: int, start: GreyImage | None) -> FusedTuning:
+    """Return how a whole target is solved."""
+    if start is not None:
+        return WARM
+    is_known = num_views == 2 and frame.noise >= MOVED_FROM and frame.settings.grid.largest == 2
+    if not (frame.has_moved and is_known):
+        return FusedTuning()
+    width = max(frame.psf.sigma, 1 / frame.psf.sigma)
+    return replace(MOVED, together=round(MOVED.together * width**MOVED_PSF_POWER))
+
+
 def _solve(
     settings: Settings,
     psf: Psf,
@@ -731,6 +776,7 @@ def _solve(
     lr_shape: tuple[int, int],
     stop: Callable[[], bool] | None,
     start: GreyImage | None,
+    tuning: FusedTuning,
     learned: LearnedFilters | None,
     steps: int | None,
 ) -> FusedResult:
@@ -740,7 +786,7 @@ def _solve(
         return fuse(
             registered, grid, lr_shape, psf,
             noise=noise, residual_threshold=residual_threshold, stop=stop,
-            start=start, tuning=None if start is None else WARM, learned=learned, most_steps=steps,
+            start=start, tuning=tuning, learned=learned, most_steps=steps,
         )  # fmt: skip
     own = next(view for view in registered if view.is_reference)
     shape = grid.hr_shape(lr_shape)

@@ -54,3 +54,6 @@ class Previous:
     registrations: Mapping[str, Sequence[ViewRegistration]]
     turn: int
     """Frames since the chain began: says which windows are checked for drift now."""
+    has_moved: bool = False
+    """Whether the next frame shows it from another place: of the registrations, only how the views
+    stand to one another holds."""

@@ -25,6 +25,7 @@ from pipeline.registration.again import (
 )
 from pipeline.registration.carried import carry_motions, carry_pixels
 from pipeline.registration.method import Layout, MotionModel, RegistrationMethod
+from pipeline.registration.moved import register_moved
 from pipeline.registration.parallax import identity
 from pipeline.registration.prepare import PreparedView, prepare
 from pipeline.registration.records import Previous, Thresholds, ViewRegistration
@@ -87,7 +88,8 @@ def register_views(
         The previous frame: what has not changed since then keeps its motion.
     """
     if previous is not None and method.layout is Layout.WINDOWS and method.refine:
-        return _register_again(prepared, targets, sources, method, noise, thresholds, previous)
+        again = _register_moved if previous.has_moved else _register_again
+        return again(prepared, targets, sources, method, noise, thresholds, previous)
     first, *others = targets
     chained = method.layout is Layout.WINDOWS and method.refine
     wanted = list(sources)
@@ -142,6 +144,7 @@ def register_view(
     thresholds: Thresholds,
     through: tuple[ViewRegistration, ViewRegistration] | None = None,
     before: Before | None = None,
+    rig: ViewRegistration | None = None,
 ) -> ViewRegistration:
     """Return one view registered onto one reference.
 
@@ -151,6 +154,9 @@ def register_view(
         Where given, motions start from the composition of the two.
     before : Before, optional
         The same two views in the previous frame.
+    rig : ViewRegistration, optional
+        The same two views in the previous frame, which shows something else: only how they stand
+        to one another is taken from it.
     """
     if source.view.view_id == reference.view.view_id:
         return _onto_itself(source)
@@ -166,8 +172,10 @@ def register_view(
         )
         if again is not None:
             return _renewed(source, reference, again, before, method, noise, thresholds)
-    start = None if before is None else before.registration.parallax
-    fit = register_windows(source, reference, method, noise, through, start)
+    fit = None if rig is None else register_moved(source, reference, rig, noise, method.model)
+    if fit is None:
+        start = None if before is None else before.registration.parallax
+        fit = register_windows(source, reference, method, noise, through, start)
     landed = land(source, reference, fit, noise, method)
     return ViewRegistration(
         registered=registered_view(source, reference, landed.position, landed.offset, thresholds),
@@ -261,6 +269,34 @@ def _register_again(
 
     others = [task for task in tasks if task not in found]
     found |= dict(zip(others, map_threads(carried, others), strict=True))
+    return {target: [found[target, source] for source in sources] for target in targets}
+
+
+def _register_moved(
+    prepared: dict[str, PreparedView],
+    targets: Sequence[str],
+    sources: Sequence[str],
+    method: RegistrationMethod,
+    noise: float,
+    thresholds: Thresholds,
+    previous: Previous,
+) -> dict[str, list[ViewRegistration]]:
+    """Register the views of a frame in which the rig has moved."""
+    old = {
+        (target, registration.registered.view_id): registration
+        for target in targets
+        for registration in previous.registrations[target]
+    }
+
+    def again(task: tuple[str, str]) -> ViewRegistration:
+        target, source = task
+        return register_view(
+            prepared[source], prepared[target], method, noise=noise, thresholds=thresholds,
+            rig=old[task],
+        )  # fmt: skip
+
+    tasks = [(target, source) for target in targets for source in sources]
+    found = dict(zip(tasks, map_threads(again, tasks), strict=True))
     return {target: [found[target, source] for source in sources] for target in targets}
 
 

@@ -200,7 +200,7 @@ def _fitted_with(
     parallax: ParallaxMotion, across: float, noise: float, model: MotionModel,
 ) -> tuple[FittedMotions, FitPrior]:  # fmt: skip
     """Return motions fitted again with a prior that knows the view's intensity term."""
-    good = (fitted.status == FITTED) & (fitted.reliable > 0.5)
+    good = well_fitted(fitted)
     offset = float(np.median(fitted.motion[good, motions.OFFSET])) if good.any() else 0.0
     start = fitted.motion.copy()
     start[:, motions.OFFSET] = np.clip(start[:, motions.OFFSET], offset - 4.0, offset + 4.0)
@@ -270,7 +270,7 @@ def _refit_parallax(
     x, y, _ = motions.centres(patches)
     points = np.stack([x, y], axis=-1)
     landed = points + fitted.motion[:, [0, 6]]
-    good = (fitted.status == FITTED) & (fitted.reliable > 0.5)
+    good = well_fitted(fitted)
     if good.sum() < FEWEST_PATCHES:
         return fitted, parallax, LARGEST_ACROSS
     nearness = patches.planes[:, 0].copy()
@@ -288,10 +288,7 @@ def _refit_parallax(
             break
         parallax = better
     nearness = along_parallax(points, landed, nearness, parallax)
-    direction = motions.parallax_directions(patches, parallax)
-    away = landed - parallax.land(x, y, nearness)
-    across = -direction[:, 1] * away[:, 0] + direction[:, 0] * away[:, 1]
-    spread = 1.4826 * float(np.median(np.abs(across[good])))
+    spread = spread_across(fitted, parallax, nearness)
     nearness = np.where(fitted.status == FITTED, nearness, patches.planes[:, 0])
     planes = np.column_stack([nearness, patches.planes[:, 1:]])
     moved = replace(patches, planes=planes)
@@ -302,6 +299,32 @@ def _refit_parallax(
         parallax,
         float(np.clip(spread, SMALLEST_ACROSS, LARGEST_ACROSS)),
     )
+
+
+def spread_across(
+    fitted: FittedMotions, parallax: ParallaxMotion, nearness: npt.NDArray[np.float64]
+) -> float:
+    """Return how far fitted patches land from where the parallax motion may send them.
+
+    Across the parallax, in LR pixels: median absolute deviation, as a standard deviation.
+
+    Parameters
+    ----------
+    nearness : (P,) float64
+        Of the patches' centres.
+    """
+    patches = fitted.patches
+    x, y, _ = motions.centres(patches)
+    landed = np.stack([x, y], axis=-1) + fitted.motion[:, [0, 6]]
+    direction = motions.parallax_directions(patches, parallax)
+    away = landed - parallax.land(x, y, nearness)
+    across = -direction[:, 1] * away[:, 0] + direction[:, 0] * away[:, 1]
+    return 1.4826 * float(np.median(np.abs(across[well_fitted(fitted)])))
+
+
+def well_fitted(fitted: FittedMotions) -> npt.NDArray[np.bool_]:
+    """Return which patches were fitted, and from pixels that agree for the most part, (P,)."""
+    return (fitted.status == FITTED) & (fitted.reliable > 0.5)
 
 
 def along_parallax(
@@ -344,7 +367,7 @@ def _start_through(
     trusted = cv2.remap(
         (bridge.registered.flags == 0).astype(np.float32), where, None, cv2.INTER_NEAREST
     )[:, 0]
-    good = (fitted.status == FITTED) & (fitted.reliable > 0.5) & (trusted > 0)
+    good = well_fitted(fitted) & (trusted > 0)
     good &= (position > -1e3).all(axis=1)
     parallax = fit_parallax(points[good], position[good].astype(float), nearness[good], rounds=6)
     if parallax is None or parallax.num_inliers < max(FEWEST_PATCHES, good.sum() // 2):

@@ -29,6 +29,11 @@ CUT = 0.35
 """Share of matched blocks below which the whole frame starts cold: a cut, or a flash."""
 
 
+GLANCE = 4
+"""One row of blocks in so many is matched first; where not half of ``CUT`` of them are, no other
+is."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class StartChoice:
     """How a frame's reconstruction started."""
@@ -37,6 +42,9 @@ class StartChoice:
     """Share of blocks that start from the previous result, 0..1."""
     is_cut: bool
     """Whether too few blocks matched, so that the whole frame starts cold."""
+    has_moved: bool = False
+    """Whether so few matched because the camera has moved: the reconstruction starts cold, in fewer
+    steps, the registration from how the views stood to one another."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,10 +73,13 @@ class BlockMatch:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _match(now, before, reach, block, limit, motion, matched):  # type: ignore[no-untyped-def]
-    """Fill each block's motion (x, y) and whether it holds; the shortest motion that does wins."""
+def _match(now, before, reach, block, limit, first, motion, matched):  # type: ignore[no-untyped-def]
+    """Fill the motion (x, y) of blocks and whether it holds; the shortest motion that does wins.
+
+    Those of every ``GLANCE``-th row, from the ``first``.
+    """
     height, width = now.shape
-    for row in range(matched.shape[0]):
+    for row in range(first, matched.shape[0], GLANCE):
         for column in range(matched.shape[1]):
             y0, x0 = row * block, column * block
             y1, x1 = min(y0 + block, height), min(x0 + block, width)
@@ -118,7 +129,13 @@ def match_blocks(now: GreyImage, before: GreyImage, noise: float) -> BlockMatch:
         return BlockMatch(motion=motion, matched=matched)
     variance = 2 * noise**2
     limit = 1.5 * variance + TOLERATED**2
-    _match(now, before, REACH, BLOCK, limit, motion, matched)
+    middle = min(GLANCE // 2, rows - 1)
+    _match(now, before, REACH, BLOCK, limit, middle, motion, matched)
+    if matched[middle::GLANCE].mean() < CUT / 2:
+        return BlockMatch(motion=motion, matched=np.zeros_like(matched))
+    for first in range(GLANCE):
+        if first != middle:
+            _match(now, before, REACH, BLOCK, limit, first, motion, matched)
     x, y = _sources(motion, (height, width))
     away = now - before[y, x]
     # what does not match starts cold already and must not spoil its neighbours

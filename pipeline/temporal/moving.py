@@ -1,0 +1,89 @@
+"""A moving camera told from a cut: what it shows is found again elsewhere in the picture before.
+
+Not in the thesis. Looked for in coarse pictures and by normalised correlation, so that motion
+between the pixels does not hide it. What is found again much brighter or darker has not moved, but
+been lit: a flash is a cut.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pipeline.frames import GreyImage
+
+COARSE_WIDTH = 110
+"""Patches are looked for at the coarsest octave at least this wide, pixels."""
+
+HALF, SPACING = 8, 16
+"""Half side of the patches, and how far apart they lie, pixels of that octave."""
+
+REACH = (0.09, 0.12)
+"""How far they may have moved, shares of width and height."""
+
+PLAIN = 4.0
+"""Standard deviation below which a patch shows too little to be found again, grey levels."""
+
+ALIKE = 0.9
+"""Correlation of a patch that is found again."""
+
+AS_BRIGHT = 12.0
+"""Difference of its mean from where it is found, at most, grey levels."""
+
+FOUND = 0.45
+"""Share of the patches found again from which the camera has moved, and nothing been cut."""
+
+FEWEST = 8
+"""Patches below which nothing is said."""
+
+
+def has_moved(now: GreyImage, before: GreyImage) -> bool:
+    """Return whether two pictures show the same from another place."""
+    share, count = found_again(now, before)
+    return count >= FEWEST and share >= FOUND
+
+
+def found_again(now: GreyImage, before: GreyImage) -> tuple[float, int]:
+    """Return the share of the patches of a picture that are found in another, and how many are.
+
+    Parameters
+    ----------
+    now, before : (H, W) float32
+        LR pictures of one view; pictures of unequal sizes share nothing.
+
+    Returns
+    -------
+    share : float
+        0..1; 0 where there is no patch to look for.
+    count : int
+        Patches looked for.
+    """
+    if now.shape != before.shape:
+        return 0.0, 0
+    picture, other = _coarse(now), _coarse(before)
+    height, width = picture.shape
+    reach_x, reach_y = (
+        int(np.ceil(share * side)) for share, side in zip(REACH, (width, height), strict=True)
+    )
+    side = 2 * HALF + 1
+    found = []
+    for y in range(HALF, height - HALF, SPACING):
+        for x in range(HALF, width - HALF, SPACING):
+            patch = picture[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1]
+            if patch.std() < PLAIN:
+                continue
+            around = other[
+                max(0, y - HALF - reach_y) : y + HALF + 1 + reach_y,
+                max(0, x - HALF - reach_x) : x + HALF + 1 + reach_x,
+            ]
+            scores = cv2.matchTemplate(around, patch, cv2.TM_CCOEFF_NORMED)
+            _, score, _, (column, row) = cv2.minMaxLoc(scores)
+            there = around[row : row + side, column : column + side]
+            found.append(score >= ALIKE and abs(patch.mean() - there.mean()) <= AS_BRIGHT)
+    return float(np.mean(found)) if found else 0.0, len(found)
+
+
+def _coarse(image: GreyImage) -> GreyImage:
+    while image.shape[1] >= 2 * COARSE_WIDTH:
+        image = cv2.pyrDown(image)
+    return image
