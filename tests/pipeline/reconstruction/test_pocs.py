@@ -232,7 +232,8 @@ def test_within_the_bound_the_estimate_is_left_untouched(x, y, error):
     result = _solve([_view(observed)], grid, truth, residual_bound=bound)
     np.testing.assert_array_equal(result.estimate, truth)
     assert result.residuals[0] == pytest.approx(abs(error), abs=ROUNDING)
-    inner = _one_pixel(float(observed[2, 3]) + 20, 3 + x, 2 + y)
+    there = float(_simulate(truth, grid, (5, 7), (x, y))[2, 3])
+    inner = _one_pixel(there + 20, 3 + x, 2 + y)
     moved = _solve([inner], grid, truth, residual_bound=0.5).estimate
     assert np.abs(moved - truth).max() > 0
 
