@@ -97,7 +97,7 @@ def search_psf(frame: MultiViewFrame, settings: Settings) -> tuple[PsfCurve, ...
     edges = measure_edges([item.registered for item in found], settings.grid, noise)
     curves = [_curve(target, None, edges, unit, settings, default)]
     if settings.psf_per_layer:
-        nearness = prepared[target].levels[0].nearness
+        nearness = prepared[target].fine.nearness
         labels = layer_labels(nearness, layer_thresholds(nearness, settings.layers or NUM_LAYERS))
         at_edges = labels[edges.row, edges.column]
         curves += [

@@ -119,6 +119,8 @@ class Solved:
     """What a frame's reconstruction leaves to the next frame's."""
 
     result: FusedResult
+    shown: GreyImage
+    """(K·H, K·W) float32: what has become of it."""
     views: tuple[str, ...]
     """Of which views it was made."""
     frames: npt.NDArray[np.float32] | None
@@ -636,14 +638,18 @@ def _reconstruct(
     choice = StartChoice(warm_share=0.0, is_cut=frame.is_cut, has_moved=frame.has_moved)
     if previous is not None:
         match = frame.matches[target]
-        cold = estimate_alone(reference.luma, grid, frame.psf, frame.noise, learned)
+        cold = estimate_alone(
+            reference.luma, grid, frame.psf, frame.noise, learned,
+            ~match.matched_pixels((lr_shape[0], lr_shape[1])),
+        )  # fmt: skip
         start = warped(match, previous.result.estimate, cold, grid)
         choice = match.choice
     views = tuple(view.view_id for view in registered)
-    due = None
+    due = shown = None
     if previous is not None and previous.views == views:
         due = _due(frame, target, previous)
     if previous is not None and start is not None and due is not None:
+        shown = previous.shown, [box for part in due for box in part.boxes], grid
         solved = fuse_again(
             registered, grid, frame.psf, previous.result, start, due,
             residual_threshold=settings.residual_threshold
@@ -699,9 +705,12 @@ def _reconstruct(
             layer_labels=frame.layers,
             contribution_count=solved.density,
         )
-    luma = np.clip(finished(solved, learned), 0.0, 255.0)
+    luma = np.clip(finished(solved, learned, shown), 0.0, 255.0)
     image = SuperResolvedImage(view_id=reference.view_id, luma=luma)
-    kept = Solved(result=solved, views=views, frames=_frames_solved(frame, target, previous, due))
+    kept = Solved(
+        result=solved, shown=luma, views=views,
+        frames=_frames_solved(frame, target, previous, due),
+    )  # fmt: skip
     return _Target(image=image, report=report, debug=debug, solved=kept)
 
 
@@ -878,7 +887,7 @@ def _layers_of(
     """Return the depth layer of every pixel of every view, for pictures."""
     labels = {}
     for view_id, view in prepared.items():
-        nearness = view.levels[0].nearness
+        nearness = view.fine.nearness
         labels[view_id] = layer_labels(
             nearness, layer_thresholds(nearness, method.num_layers or PICTURE_LAYERS)
         )

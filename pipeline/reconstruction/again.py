@@ -17,7 +17,15 @@ from pipeline.reconstruction.fused import (
     left_over,
     some_landing_points,
 )
-from pipeline.reconstruction.parts import Box, covering_boxes, cut_views, put_back, widened
+from pipeline.reconstruction.parts import (
+    Box,
+    covering_boxes,
+    cut_views,
+    on_hr_grid,
+    put_back,
+    widened,
+    within,
+)
 from pipeline.reconstruction.psf import Psf, sampling_taps
 from pipeline.reconstruction.system import HrImage
 
@@ -80,7 +88,7 @@ def fuse_again(
     for part in due:
         wides = [widened(box, part.wanted.shape) for box in part.boxes]
         for box, wide, cut in zip(part.boxes, wides, cut_views(registered, wides), strict=True):
-            fine = _on_hr_grid(wide, grid)
+            fine = on_hr_grid(wide, grid)
             height, width = (side.stop - side.start for side in wide)
             solved = fuse(
                 cut.views, grid, (height, width), psf, noise=part.noise,
@@ -91,17 +99,15 @@ def fuse_again(
             work += solved.iterations * height * width
             stop_reason = solved.stop_reason
             inside = np.zeros((height, width), bool)
-            inner = tuple(
-                slice(side.start - outer.start, side.stop - outer.start)
-                for side, outer in zip(box, wide, strict=True)
-            )
-            inside[inner] = part.wanted[box]
+            inside[within(box, wide)] = part.wanted[box]
             inside = inside.repeat(grid.magnification_y, 0).repeat(grid.magnification_x, 1)
             np.copyto(estimate[fine], solved.estimate, where=inside)
             np.copyto(density[fine], solved.density, where=inside)
             for index, (view, place) in enumerate(zip(registered, cut.places, strict=True)):
-                put_back(solved.weights[index], weights[index], place, view.position, box)
-                put_back(solved.flags[index], flags[index], place, view.position, box)
+                put_back(
+                    (solved.weights[index], solved.flags[index]), (weights[index], flags[index]),
+                    place, view.position, box,
+                )  # fmt: skip
     points = [some_landing_points(view, grid) for view in registered]
     misfit, misfits = left_over(
         estimate, sampling_taps(psf, grid), points, registered, flags, weights
@@ -115,13 +121,4 @@ def fuse_again(
         iterations=-(-work // registered[0].flags.size),
         residuals=(misfit,),
         stop_reason=stop_reason,
-    )
-
-
-def _on_hr_grid(box: Box, grid: Grid) -> Box:
-    rows, columns = box
-    down, across = grid.magnification_y, grid.magnification_x
-    return (
-        slice(rows.start * down, rows.stop * down),
-        slice(columns.start * across, columns.stop * across),
     )

@@ -24,13 +24,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.frames import GreyImage, Positions, RegisteredView, Rejection
+from pipeline.frames import GreyImage, Mask, Positions, RegisteredView, Rejection
 from pipeline.grid import Grid
 from pipeline.reconstruction import agreement
-from pipeline.reconstruction.learned import LearnedFilters
+from pipeline.reconstruction.learned import REACH, LearnedFilters
+from pipeline.reconstruction.parts import Box, covering_boxes, on_hr_grid, widened, within
 from pipeline.reconstruction.psf import Psf, SeparableTaps, psf_taps, sampling_taps
 from pipeline.reconstruction.realign import realigned
-from pipeline.reconstruction.restoration import restored
+from pipeline.reconstruction.restoration import restoration_of
 from pipeline.reconstruction.system import HrImage, NormalEquations, sample, spline_coefficients
 from pipeline.threads import map_threads
 
@@ -145,13 +146,31 @@ def initial_estimate(reference: GreyImage, grid: Grid) -> HrImage:
 
 
 def estimate_alone(
-    reference: GreyImage, grid: Grid, psf: Psf, noise: float, learned: LearnedFilters | None
+    reference: GreyImage,
+    grid: Grid,
+    psf: Psf,
+    noise: float,
+    learned: LearnedFilters | None,
+    wanted: Mask | None = None,
 ) -> HrImage:
-    """Return the reference view enlarged and sharpened, and corrected by learned filters."""
-    estimate = restored(reference, grid, psf, max(noise, SMALLEST_NOISE))
-    if learned is None:
-        return estimate
-    return learned.of_one.apply(np.clip(estimate, 0.0, 255.0))
+    """Return the reference view enlarged and sharpened, and corrected by learned filters.
+
+    Parameters
+    ----------
+    wanted : (H, W) bool, optional
+        LR pixels that are needed; what lies far from them is left zero.
+    """
+    height, width = reference.shape
+    restoration = restoration_of(reference, grid, psf, max(noise, SMALLEST_NOISE))
+    out = np.zeros(grid.hr_shape((height, width)), np.float32)
+    boxes = [(slice(0, height), slice(0, width))] if wanted is None else covering_boxes(wanted)
+    for box in boxes:
+        wide = widened(box, reference.shape, restoration.reach + REACH)
+        estimate = restoration.apply(reference[wide], grid)
+        if learned is not None:
+            estimate = learned.of_one.apply(np.clip(estimate, 0.0, 255.0))
+        out[on_hr_grid(box, grid)] = estimate[on_hr_grid(within(box, wide), grid)]
+    return out
 
 
 def prior_strength(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
@@ -395,11 +414,33 @@ def some_landing_points(view: RegisteredView, grid: Grid) -> tuple[HrImage, HrIm
     return _on_hr_grid(some_rows(view.position), grid)
 
 
-def finished(result: FusedResult, learned: LearnedFilters | None) -> HrImage:
-    """Return what is shown of a result, corrected where there are learned filters."""
+def finished(
+    result: FusedResult,
+    learned: LearnedFilters | None,
+    before: tuple[HrImage, Sequence[Box], Grid] | None = None,
+) -> HrImage:
+    """Return what is shown of a result, corrected where there are learned filters.
+
+    Parameters
+    ----------
+    before : (shown, boxes, grid), optional
+        Where only boxes of LR pixels have been made anew: what the others show.
+    """
     if learned is None:
         return result.estimate
-    return learned.finished(result.estimate, result.density)
+    if before is None:
+        return learned.finished(result.estimate, result.density)
+    shown, boxes, grid = before
+    out = shown.copy()
+    lr_shape = (shown.shape[0] // grid.magnification_y, shown.shape[1] // grid.magnification_x)
+    for box in boxes:
+        wide = widened(box, lr_shape)
+        fine = on_hr_grid(wide, grid)
+        part = learned.finished(
+            np.ascontiguousarray(result.estimate[fine]), np.ascontiguousarray(result.density[fine])
+        )
+        out[on_hr_grid(box, grid)] = part[on_hr_grid(within(box, wide), grid)]
+    return out
 
 
 def _on_hr_grid(position: Positions, grid: Grid) -> tuple[HrImage, HrImage]:

@@ -34,6 +34,9 @@ SURROUNDINGS = 1.2
 WINDOW = 9
 """… and its side."""
 
+REACH = max(RADIUS, WINDOW // 2 + 1)
+"""Pixels to each side that tell what becomes of one, without the number of views."""
+
 ONE_VIEW = 0.3525
 """Density that an LR pixel makes at the HR pixel it lies on."""
 

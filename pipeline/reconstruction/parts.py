@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.frames import Mask, RegisteredView
+from pipeline.frames import GreyImage, Mask, Positions, RegisteredView
+from pipeline.grid import Grid
 
 TILE = 8
 """Side of the tiles of which boxes are made, LR pixels."""
@@ -24,6 +25,8 @@ HALO = 4
 
 BOX_COST = 1500
 """What a box costs beside its pixels, LR pixels."""
+
+Flags = npt.NDArray[np.uint8]
 
 Box = tuple[slice, slice]
 """Rows and columns of an image, LR pixels."""
@@ -112,13 +115,32 @@ def _cover(tiles, tile, margin, extra, found):
     return count
 
 
-def widened(box: Box, shape: tuple[int, ...]) -> Box:
+def widened(box: Box, shape: tuple[int, ...], halo: int = HALO) -> Box:
     """Return the box with its halo, as far as the image goes."""
     rows, columns = (
-        slice(max(side.start - HALO, 0), min(side.stop + HALO, size))
+        slice(max(side.start - halo, 0), min(side.stop + halo, size))
         for side, size in zip(box, shape, strict=True)
     )
     return rows, columns
+
+
+def within(box: Box, outer: Box) -> Box:
+    """Return where a box lies in one around it."""
+    rows, columns = (
+        slice(side.start - around.start, side.stop - around.start)
+        for side, around in zip(box, outer, strict=True)
+    )
+    return rows, columns
+
+
+def on_hr_grid(box: Box, grid: Grid) -> Box:
+    """Return the HR pixels of a box of LR pixels."""
+    rows, columns = box
+    down, across = grid.magnification_y, grid.magnification_x
+    return (
+        slice(rows.start * down, rows.stop * down),
+        slice(columns.start * across, columns.stop * across),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -199,23 +221,25 @@ def _landing_in(position, boxes, found):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _put_back(part, whole, position, top, left, bounds):
+def _put_back(weights, flags, all_weights, all_flags, position, top, left, bounds):
     """Write what was found of the pixels that land in a box."""
     half = np.float32(0.5)
-    for row in range(part.shape[0]):
-        for column in range(part.shape[1]):
+    for row in range(weights.shape[0]):
+        for column in range(weights.shape[1]):
             x, y = position[top + row, left + column, 0], position[top + row, left + column, 1]
             if (
                 y > bounds[0] - half and y < bounds[1] - half
                 and x > bounds[2] - half and x < bounds[3] - half
             ):  # fmt: skip
-                whole[top + row, left + column] = part[row, column]
+                all_weights[top + row, left + column] = weights[row, column]
+                all_flags[top + row, left + column] = flags[row, column]
 
 
 def put_back(
-    part: npt.NDArray, whole: npt.NDArray, place: Box, position: npt.NDArray[np.float32], box: Box
-) -> None:
-    """Write what was found of a view's pixels that land in a box, in place."""
+    part: tuple[GreyImage, Flags], whole: tuple[GreyImage, Flags], place: Box,
+    position: Positions, box: Box,
+) -> None:  # fmt: skip
+    """Write the weights and flags found of a view's pixels that land in a box, in place."""
     rows, columns = box
     bounds = (rows.start, rows.stop, columns.start, columns.stop)
-    _put_back(part, whole, position, place[0].start, place[1].start, bounds)
+    _put_back(*part, *whole, position, place[0].start, place[1].start, bounds)

@@ -9,6 +9,8 @@ taps for every LR pixel, one set for each of the K phases.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -38,6 +40,43 @@ BAND = 64
 """LR rows that one thread filters at once."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Restoration:
+    """The linear filter for a view."""
+
+    along_x: npt.NDArray[np.float32]
+    """(K, odd): taps of each phase over LR pixels."""
+    along_y: npt.NDArray[np.float32]
+
+    @property
+    def reach(self) -> int:
+        """LR pixels to each side that the filter reaches."""
+        return max(self.along_x.shape[1], self.along_y.shape[1]) // 2
+
+    def apply(self, view: GreyImage, grid: Grid) -> npt.NDArray[np.float32]:
+        """Return a view, or a part of it, enlarged and sharpened, (K·H, K·W) float32."""
+        out = np.empty(grid.hr_shape((view.shape[0], view.shape[1])), np.float32)
+        image = np.ascontiguousarray(view, np.float32)
+        starts = range(0, image.shape[0], BAND)
+        map_threads(
+            lambda lo: kernels.filter_phases(
+                image, self.along_x, self.along_y, lo, min(lo + BAND, image.shape[0]), out
+            ),
+            starts,
+        )
+        return out
+
+
+def restoration_of(reference: GreyImage, grid: Grid, psf: Psf, noise: float) -> Restoration:
+    """Return the filter for a view; parameters are those of :func:`restored`."""
+    psf_x, psf_y = psf_axes(psf, grid)
+    ratio_x, ratio_y = (_ratio(reference, axis, noise, grid) for axis in (1, 0))
+    return Restoration(
+        along_x=_taps(psf_x, grid.magnification_x, grid.offset_x, ratio_x),
+        along_y=_taps(psf_y, grid.magnification_y, grid.offset_y, ratio_y),
+    )
+
+
 def restored(reference: GreyImage, grid: Grid, psf: Psf, noise: float) -> npt.NDArray[np.float32]:
     """Return the view enlarged and sharpened, (K·H, K·W) float32.
 
@@ -46,19 +85,7 @@ def restored(reference: GreyImage, grid: Grid, psf: Psf, noise: float) -> npt.ND
     noise : float
         Standard deviation, grey levels.
     """
-    psf_x, psf_y = psf_axes(psf, grid)
-    along_x = _taps(psf_x, grid.magnification_x, grid.offset_x, _ratio(reference, 1, noise, grid))
-    along_y = _taps(psf_y, grid.magnification_y, grid.offset_y, _ratio(reference, 0, noise, grid))
-    out = np.empty(grid.hr_shape((reference.shape[0], reference.shape[1])), np.float32)
-    image = np.ascontiguousarray(reference, np.float32)
-    starts = range(0, image.shape[0], BAND)
-    map_threads(
-        lambda lo: kernels.filter_phases(
-            image, along_x, along_y, lo, min(lo + BAND, image.shape[0]), out
-        ),
-        starts,
-    )
-    return out
+    return restoration_of(reference, grid, psf, noise).apply(reference, grid)
 
 
 def _ratio(reference: GreyImage, axis: int, noise: float, grid: Grid) -> float:

@@ -14,6 +14,7 @@ five-band matrices. The weighted graph Laplacian P is the edge-preserving prior.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
@@ -49,6 +50,7 @@ HrImage = npt.NDArray[np.float32]
 NOTHING: HrImage = np.empty((0, 0), np.float32)
 
 
+@functools.cache
 def bands(height: int) -> list[tuple[int, int]]:
     """Return the half-open row ranges of the bands of an HR image."""
     edges = np.linspace(0, height, min(NUM_BANDS, height) + 1).astype(int)

@@ -82,7 +82,7 @@ class Again:
 
 def changed_pixels(now: PreparedView, before: PreparedView, noise: float) -> Mask:
     """Return which pixels have changed between two frames of a view, in picture or in depth."""
-    fine, old = now.levels[0], before.levels[0]
+    fine, old = now.fine, before.fine
     if fine.image.shape != old.image.shape:
         return np.ones(fine.image.shape, bool)
     box = (CHANGE_BOX, CHANGE_BOX)
@@ -188,7 +188,7 @@ def _probe(
     count = len(patches.windows)
     due = np.zeros(count, bool)
     due[probes] = True
-    at, onto = source.levels[0], reference.levels[0]
+    at, onto = source.fine, reference.fine
     sums = np.zeros((count, NUM_SUMS))
     first = np.searchsorted(patches.cell, np.arange(patches.grid[0] * patches.grid[1] + 1))
     moved, reliable = np.zeros(count, np.float32), np.zeros(count, np.float32)

@@ -69,7 +69,7 @@ def carry_pixels(
     assert parallax is not None  # were fitted
     position, offsets = kept.position.copy(), kept.offset.copy()
     _carry_pixels(
-        source.levels[0].nearness, lead.registered.position, lead.offset, lead.patch_labels,
+        source.fine.nearness, lead.registered.position, lead.offset, lead.patch_labels,
         believed(fitted), renewed, parallax.homography, parallax.epipole, onto.homography,
         onto.epipole, np.float32(offset), position, offsets,
     )  # fmt: skip

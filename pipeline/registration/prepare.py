@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import cv2
@@ -14,6 +15,9 @@ from pipeline.registration.patches import fill_unknown
 
 SMOOTHING = 0.7
 """σ of the Gaussian that tames aliasing and noise before registration, LR pixels."""
+
+SMALLEST = 16
+"""Pixels along each side that a picture has at least of which a coarser one is made."""
 
 _POLE = np.sqrt(8.0) - 3.0
 _PREFILTER = (_POLE ** np.abs(np.arange(-4, 5))).astype(np.float32)
@@ -61,8 +65,12 @@ class PreparedView:
     """A view, ready to be registered or to be a reference."""
 
     view: View
-    levels: tuple[Level, ...]
-    """Finest first."""
+    fine: Level
+    """At LR resolution."""
+    num_levels: int
+    """Pyramid levels, at most."""
+    smoothing: float
+    """σ of the Gaussian before registration, pixels of each level."""
     raw_coefficients: npt.NDArray[np.float32]
     """(H + 4, W + 4), spline coefficients of the luma as it is (for Eq. 3)."""
     known: npt.NDArray[np.bool_]
@@ -71,6 +79,32 @@ class PreparedView:
     """Range of known nearness, 2nd to 98th percentile; 0 where depth says nothing."""
     metric: bool
     """Whether nearness is 1 / depth in the units of the calibration."""
+
+    @functools.cached_property
+    def levels(self) -> tuple[Level, ...]:
+        """The pyramid, finest first, made where it is asked for."""
+        found = [self.fine]
+        image = np.ascontiguousarray(self.view.luma)
+        while len(found) < self.num_levels and min(image.shape) >= SMALLEST:
+            image = cv2.pyrDown(image)
+            nearness = np.ascontiguousarray(found[-1].nearness[::2, ::2])
+            found.append(_level(image, nearness, self.smoothing))
+        return tuple(found)
+
+
+def _level(
+    image: npt.NDArray[np.float32], nearness: npt.NDArray[np.float32], smoothing: float
+) -> Level:
+    smooth = cv2.GaussianBlur(image, (0, 0), smoothing) if smoothing > 0 else image
+    coefficients = spline_coefficients(smooth)
+    gradient_x, gradient_y = spline_gradients(coefficients)
+    return Level(
+        image=smooth,
+        coefficients=coefficients,
+        gradient_x=gradient_x,
+        gradient_y=gradient_y,
+        nearness=nearness,
+    )
 
 
 def prepare(
@@ -89,29 +123,11 @@ def prepare(
             nearness = cv2.medianBlur(nearness, 5)
         values = nearness[known]
         depth_range = float(np.subtract(*np.percentile(values, [98, 2]))) if values.size else 0.0
-    levels = []
-    image = luma
-    for index in range(num_levels):
-        if index > 0:
-            if min(image.shape) < 16:
-                break
-            image = cv2.pyrDown(image)
-            nearness = np.ascontiguousarray(nearness[::2, ::2])
-        smooth = cv2.GaussianBlur(image, (0, 0), smoothing) if smoothing > 0 else image
-        coefficients = spline_coefficients(smooth)
-        gradient_x, gradient_y = spline_gradients(coefficients)
-        levels.append(
-            Level(
-                image=smooth,
-                coefficients=coefficients,
-                gradient_x=gradient_x,
-                gradient_y=gradient_y,
-                nearness=nearness,
-            )
-        )
     return PreparedView(
         view=view,
-        levels=tuple(levels),
+        fine=_level(luma, nearness, smoothing),
+        num_levels=num_levels,
+        smoothing=smoothing,
         raw_coefficients=spline_coefficients(luma),
         known=known,
         depth_range=depth_range,

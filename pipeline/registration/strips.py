@@ -27,7 +27,7 @@ def register_strips(
     source: PreparedView, reference: PreparedView, method: RegistrationMethod, noise: float
 ) -> tuple[FittedMotions, npt.NDArray[np.int32], Positions, npt.NDArray[np.float32]]:
     """Register by L layers × R strips: Table 1's methods."""
-    nearness = source.levels[0].nearness
+    nearness = source.fine.nearness
     thresholds = layer_thresholds(nearness, method.num_layers, min_support=MIN_SUPPORT)
     whole = layer_strips(nearness, thresholds, 1)
     patches = layer_strips(nearness, thresholds, method.num_subregions)

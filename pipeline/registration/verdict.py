@@ -40,7 +40,7 @@ def registered_view(
     )
     depth_range = max(source.depth_range, reference.depth_range)
     says_depth = source.depth_range > 0 and reference.depth_range > 0
-    fine, onto = source.levels[0], reference.levels[0]
+    fine, onto = source.fine, reference.fine
     flags = verify(
         position, weights, fine.nearness, source.known, onto.nearness, reference.known,
         weight_threshold=thresholds.weight,

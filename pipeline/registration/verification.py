@@ -80,27 +80,15 @@ def _nearest_landing(position, nearness, nearest):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _mean_square(weights, row, column):
-    """Return the mean of the squares of 3 × 3 weights, those beyond the sides as those at them."""
-    height, width = weights.shape
-    total = 0.0
-    for side in range(-1, 2):
-        k = min(max(row + side, 0), height - 1)
-        for beside in range(-1, 2):
-            weight = weights[k, min(max(column + beside, 0), width - 1)]
-            total += weight * weight if np.isfinite(weight) else NO_WEIGHT
-    return np.float32(total / 9)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
 def _flag(
-    position, weights, nearness, known, reference, reference_known, nearest, jumps, beside, limits,
+    position, squares, nearness, known, reference, reference_known, nearest, jumps, beside, limits,
     renewed, flags,
 ):  # fmt: skip
     """Write the rejection bits of some pixels.
 
-    ``jumps`` and ``beside`` say which pixels are next to a jump and which within reach of one;
-    limits are T_w², T_D, the z-buffer's margin and the stricter T_w² beside jumps.
+    ``squares`` are the mean squares of the weights around each; ``jumps`` and ``beside`` say
+    which pixels are next to a jump and which within reach of one; limits are T_w², T_D, the
+    z-buffer's margin and the stricter T_w² beside jumps.
     """
     height, width = reference.shape
     for row in range(flags.shape[0]):
@@ -108,7 +96,7 @@ def _flag(
             if not renewed[row, column]:
                 continue
             x, y = position[row, column, 0], position[row, column, 1]
-            square = _mean_square(weights, row, column)
+            square = squares[row, column]
             bits = 0
             if jumps[row, column] or (beside[row, column] and square > limits[3]):
                 bits = 32
@@ -216,10 +204,16 @@ def verify(
     near = cv2.dilate(renewed.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
     jumps = jumps_of_motion(position, near)
     _flag(
-        position, weights, nearness, known, reference_nearness, reference_known, nearest,
-        jumps, _within(jumps, EDGE_REACH), limits, renewed, flags,
+        position, mean_squares(weights), nearness, known, reference_nearness, reference_known,
+        nearest, jumps, _within(jumps, EDGE_REACH), limits, renewed, flags,
     )  # fmt: skip
     return flags
+
+
+def mean_squares(weights: GreyImage) -> npt.NDArray[np.float32]:
+    """Return the mean of the squares of 3 × 3 weights, those beyond the sides as those at them."""
+    squares = np.nan_to_num(weights * weights, copy=False, nan=NO_WEIGHT, posinf=NO_WEIGHT)
+    return cv2.blur(squares, (3, 3), borderType=cv2.BORDER_REPLICATE)
 
 
 def jumps_of_motion(position: Positions, wanted: Mask | None = None) -> npt.NDArray[np.uint8]:

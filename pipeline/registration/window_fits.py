@@ -172,7 +172,7 @@ def take_samples(
     source: PreparedView, reference: PreparedView, patches: Windows, motion: Motions
 ) -> Samples:
     """Return the samples of every pixel at given motions."""
-    at, onto = source.levels[0], reference.levels[0]
+    at, onto = source.fine, reference.fine
     count = len(patches.windows)
     samples = no_samples(at.image.shape)
     window_kernels.sum_cells(

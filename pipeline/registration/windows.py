@@ -117,7 +117,7 @@ def view_parallax(source: PreparedView, reference: PreparedView) -> ParallaxMoti
 
 def _nearness_at(view: PreparedView, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return the nearness (M,) at points (M, 2), nearest pixel."""
-    nearness = view.levels[0].nearness
+    nearness = view.fine.nearness
     column = np.clip(np.rint(points[:, 0]).astype(int), 0, nearness.shape[1] - 1)
     row = np.clip(np.rint(points[:, 1]).astype(int), 0, nearness.shape[0] - 1)
     return nearness[row, column].astype(float)
@@ -125,7 +125,7 @@ def _nearness_at(view: PreparedView, points: npt.NDArray[np.float64]) -> npt.NDA
 
 def pixels_per_nearness(source: PreparedView, parallax: ParallaxMotion) -> float:
     """Return how far one unit of nearness moves a point, LR pixels, median over the view."""
-    nearness = source.levels[0].nearness
+    nearness = source.fine.nearness
     height, width = nearness.shape
     derivative = parallax.parallax(width / 2, height / 2, nearness[::16, ::16])
     return float(np.median(np.linalg.norm(derivative, axis=-1)))
@@ -142,7 +142,7 @@ def cut_view(source: PreparedView, parallax: ParallaxMotion, cells: Mask | None 
     scale = pixels_per_nearness(source, parallax)
     says_depth = scale > 0 and source.depth_range > 0
     return cut_windows(
-        source.levels[0].nearness, spacing=SPACING, half=HALF,
+        source.fine.nearness, spacing=SPACING, half=HALF,
         tolerance=PLANE_TOLERANCE / scale if says_depth else float("inf"),
         min_support=MIN_SUPPORT, wanted=cells,
     )  # fmt: skip
@@ -393,7 +393,7 @@ def land(
     before : (landed, cells to renew), optional
         Where only some patches have been fitted: what the others' pixels keep.
     """
-    fine, onto, patches = source.levels[0], reference.levels[0], windows_of(fit.fitted)
+    fine, onto, patches = source.fine, reference.fine, windows_of(fit.fitted)
     motion, samples = fit.fitted.motion, fit.samples
     candidates = np.isfinite(motion).all(axis=1)
     shape = fine.image.shape

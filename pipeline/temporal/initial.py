@@ -109,6 +109,24 @@ def _match(now, before, reach, block, limit, first, motion, matched):  # type: i
             matched[row, column] = best <= bound
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def _squares(now, before, motion, matched, out):  # type: ignore[no-untyped-def]
+    """Write the squared differences of matched blocks; zero, which spoils no neighbour, else."""
+    height, width = now.shape
+    for row in range(matched.shape[0]):
+        y0, y1 = row * BLOCK, min((row + 1) * BLOCK, height)
+        for column in range(matched.shape[1]):
+            x0, x1 = column * BLOCK, min((column + 1) * BLOCK, width)
+            if not matched[row, column]:
+                out[y0:y1, x0:x1] = 0
+                continue
+            u, v = motion[row, column, 0], motion[row, column, 1]
+            for y in range(y0, y1):
+                for x in range(x0, x1):
+                    away = now[y, x] - before[y + v, x + u]
+                    out[y, x] = away * away
+
+
 def match_blocks(now: GreyImage, before: GreyImage, noise: float) -> BlockMatch:
     """Return each block's motion to the previous picture, and whether the match may be believed.
 
@@ -136,11 +154,9 @@ def match_blocks(now: GreyImage, before: GreyImage, noise: float) -> BlockMatch:
     for first in range(GLANCE):
         if first != middle:
             _match(now, before, REACH, BLOCK, limit, first, motion, matched)
-    x, y = _sources(motion, (height, width))
-    away = now - before[y, x]
-    # what does not match starts cold already and must not spoil its neighbours
-    away[~_spread(matched, (height, width))] = 0
-    local = cv2.blur(away * away, (3, 3), borderType=cv2.BORDER_REFLECT)
+    squares = np.empty((height, width), np.float32)
+    _squares(now, before, motion, matched, squares)
+    local = cv2.blur(squares, (3, 3), borderType=cv2.BORDER_REFLECT)
     bad = local > 2.5 * variance + 2 * TOLERATED**2
     padded = np.zeros((rows * BLOCK, columns * BLOCK), bool)
     padded[:height, :width] = bad
@@ -151,16 +167,6 @@ def match_blocks(now: GreyImage, before: GreyImage, noise: float) -> BlockMatch:
 def _spread(values: npt.NDArray, shape: tuple[int, int]) -> npt.NDArray:
     """Return the value of each LR pixel's block, (H, W)."""
     return np.repeat(np.repeat(values, BLOCK, axis=0), BLOCK, axis=1)[: shape[0], : shape[1]]
-
-
-def _sources(
-    motion: npt.NDArray[np.int32], shape: tuple[int, int]
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return where each LR pixel of a picture came from: columns and rows, (H, W)."""
-    height, width = shape
-    x = np.arange(width)[None, :] + _spread(motion[..., 0], shape)
-    y = np.arange(height)[:, None] + _spread(motion[..., 1], shape)
-    return np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
 
 
 def warped(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pipeline.learned_filters import learned_filters
 from pipeline.metrics import psnr
-from pipeline.reconstruction.fused import fuse
+from pipeline.reconstruction.fused import estimate_alone, finished, fuse
 from pipeline.reconstruction.learned import (
     BAND,
     FilterBank,
@@ -18,6 +18,7 @@ from pipeline.reconstruction.learned import (
     num_classes,
     views_seen,
 )
+from pipeline.reconstruction.parts import covering_boxes, on_hr_grid
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.reconstruction.restoration import restored
 from pipeline.synthetic import SampleScene
@@ -161,3 +162,42 @@ def test_bands_join_without_a_seam():
     whole = kinds_of(image, None, (0, len(image)))
     part = kinds_of(image, None, (BAND, 2 * BAND))
     np.testing.assert_array_equal(whole[BAND : 2 * BAND], part)
+
+
+def _wanted(shape: tuple[int, int]) -> np.ndarray:
+    wanted = np.zeros(shape, bool)
+    wanted[3:9, 2:7] = wanted[-12:-4, -9:] = True
+    return wanted
+
+
+@pytest.mark.parametrize("learned", [None, _filters()])
+@pytest.mark.parametrize("magnification", [2, 3])
+def test_the_start_is_the_same_where_only_some_of_it_is_wanted(magnification, learned):
+    grid = _grid(magnification, magnification)
+    reference = np.random.default_rng(3).uniform(0, 255, (70, 90)).astype(np.float32)
+    wanted = _wanted(reference.shape)
+    fine = wanted.repeat(magnification, 0).repeat(magnification, 1)
+    whole = estimate_alone(reference, grid, PSF, 2.0, learned)
+    some = estimate_alone(reference, grid, PSF, 2.0, learned, wanted)
+    assert np.array_equal(some[fine], whole[fine])
+    assert not some[30 * magnification : 40 * magnification].any()
+
+
+def test_what_is_finished_in_boxes_is_what_is_finished_at_once():
+    grid, learned = _grid(), _filters()
+    reference = np.random.default_rng(3).uniform(0, 255, (70, 90)).astype(np.float32)
+    before, after = (
+        fuse(
+            [_view(picture, is_reference=True)], grid, reference.shape, PSF,
+            noise=2.0, residual_threshold=30.0,
+        )
+        for picture in (reference, 255 - reference)
+    )  # fmt: skip
+    boxes = covering_boxes(_wanted(reference.shape))
+    shown, whole = finished(before, learned), finished(after, learned)
+    some = finished(after, learned, (shown, boxes, grid))
+    made = np.zeros(some.shape, bool)
+    for box in boxes:
+        made[on_hr_grid(box, grid)] = True
+    assert np.allclose(some[made], whole[made], atol=1e-3)
+    assert np.array_equal(some[~made], shown[~made])

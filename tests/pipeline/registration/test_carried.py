@@ -56,7 +56,7 @@ def test_pixels_land_where_their_true_depth_puts_them(cold):
     source, lead, other = cold.prepared[SOURCE], _of(cold, FAR), _of(cold, NEAR)
     shape = lead.offset.shape
     y, x = np.mgrid[: shape[0], : shape[1]]
-    wrong = source.levels[0].nearness
+    wrong = source.fine.nearness
     right = wrong + 0.02 * source.depth_range * np.sin(x / 9)
     onto = other.parallax
     landed = lead.parallax.land(x, y, right).astype(np.float32)

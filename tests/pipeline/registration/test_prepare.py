@@ -128,7 +128,7 @@ def test_depth_is_cleaned_of_single_wrong_pixels_but_keeps_its_step():
     noisy[20, 33] = 0
     noisy[12:15, 3:5] = np.nan
     view = prepare(_view(_picture(30, 40), noisy), 1)
-    np.testing.assert_array_equal(view.levels[0].nearness, depth_map)
+    np.testing.assert_array_equal(view.fine.nearness, depth_map)
     assert view.depth_range == 40
     assert (~view.known).sum() == 6
 
@@ -151,11 +151,11 @@ def test_coarse_pixels_lie_on_every_second_fine_one():
 def test_smoothing_tames_noise_but_not_the_raw_coefficients():
     luma = np.random.default_rng(5).normal(100, 10, (40, 50)).astype(np.float32)
     view = prepare(_view(luma), 1)
-    assert view.levels[0].image.std() < 0.6 * luma.std()
+    assert view.fine.image.std() < 0.6 * luma.std()
     raw = _sampled(view.raw_coefficients, *_grid((40, 50)))
     np.testing.assert_allclose(raw, luma, atol=0.25)
     sharp = prepare(_view(luma), 1, smoothing=0.0)
-    np.testing.assert_array_equal(sharp.levels[0].image, luma)
+    np.testing.assert_array_equal(sharp.fine.image, luma)
 
 
 def test_the_view_is_not_modified():
