@@ -17,6 +17,7 @@ from pipeline.media.layouts import describe_path
 from pipeline.media.scene_source import SceneSource
 from pipeline.metrics import psnr
 from pipeline.run import Tools, run_job
+from pipeline.segments import WARM_UP, WATCHED
 from pipeline.synthetic import SampleScene, write_scene
 
 NUM_FRAMES = 8
@@ -53,15 +54,20 @@ def whole(manifest, tmp_path_factory):
     return folder
 
 
-def test_the_picture_does_not_jump_where_segments_meet(manifest, whole, tmp_path):
-    run_job(_job(manifest, tmp_path / "uncut", segment_length=NUM_FRAMES))
-    cut, uncut = _pictures(whole), _pictures(tmp_path / "uncut")
+def test_the_picture_does_not_jump_where_segments_meet(tmp_path):
+    """The second segment sees nothing of the first frames, which the uncut run began with."""
+    length = WATCHED + WARM_UP + 1
+    scene = SampleScene(width=192, height=144, num_views=4)
+    manifest = write_scene(tmp_path / "scene", scene, num_frames=length + 1, noise_sigma=2.0)
+    run_job(_job(manifest, tmp_path / "cut", segment_length=length))
+    run_job(_job(manifest, tmp_path / "uncut", segment_length=length + 1))
+    cut, uncut = _pictures(tmp_path / "cut"), _pictures(tmp_path / "uncut")
     assert cut.keys() == uncut.keys()
-    worst = min(
-        psnr(*(cv2.imdecode(np.frombuffer(of[name], np.uint8), 0) for of in (cut, uncut)))
-        for name in cut
-    )
-    assert worst >= 50
+    differing = [name for name in cut if cut[name] != uncut[name]]
+    assert differing == [f"{eye}-{length:06}.png" for eye in ("left", "right")]
+    for name in differing:
+        pictures = (cv2.imdecode(np.frombuffer(of[name], np.uint8), 0) for of in (cut, uncut))
+        assert psnr(*pictures) >= 50
 
 
 def test_nothing_outside_the_frames_asked_for_is_read(manifest, tmp_path):
