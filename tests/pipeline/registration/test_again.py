@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.registration.again import AGAIN
 from pipeline.registration.method import METHODS, MotionModel
 from pipeline.registration.register import (
     Previous,
@@ -20,6 +21,9 @@ from pipeline.synthetic import SampleScene
 THRESHOLDS = Thresholds(weight=6.0, depth=0.1)
 METHOD = METHODS["default"]
 
+LATER = max(AGAIN) + 1
+"""A frame of a chain in which nothing is fitted that has not changed."""
+
 
 @pytest.fixture(scope="module")
 def frame():
@@ -31,7 +35,7 @@ def cold(frame):
     return _previous(frame, None)
 
 
-def _previous(frame, previous: Previous | None, turn: int = 1, method=METHOD) -> Previous:
+def _previous(frame, previous: Previous | None, turn: int = LATER, method=METHOD) -> Previous:
     prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
     names = [view.view_id for view in frame.views]
     found = register_views(
@@ -81,6 +85,17 @@ def test_where_nothing_changes_nothing_is_computed_again(frame, cold):
     np.testing.assert_allclose(again.registered.observed, before.registered.observed, atol=1e-4)
 
 
+@pytest.mark.parametrize("turn", AGAIN)
+def test_early_in_a_chain_every_cell_is_fitted_anew(frame, cold, turn):
+    again = _other(_previous(frame, replace(cold, turn=turn)), frame)
+    before = _other(cold, frame)
+    assert again.renewed is not None
+    assert again.renewed.all()
+    trusted = (again.registered.flags == 0) & (before.registered.flags == 0)
+    away = np.linalg.norm(again.registered.position - before.registered.position, axis=-1)
+    assert 0 < np.median(away[trusted]) < 0.02
+
+
 def test_only_what_is_near_a_change_is_renewed_and_well(frame, cold):
     again = _other(_previous(_with_a_change(frame), cold), frame)
     before = _other(cold, frame)
@@ -126,7 +141,7 @@ def test_a_cell_that_has_drifted_is_repaired_when_it_is_probed(frame, cold):
     shift[patch] = 0.6
     previous = _moved(cold, shift)
     repaired = []
-    for turn in range(1, 24):
+    for turn in range(LATER, LATER + 23):
         previous = _previous(frame, replace(previous, turn=turn), turn)
         again = _other(previous, frame)
         assert again.motions is not None

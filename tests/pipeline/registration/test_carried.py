@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.registration import motions
+from pipeline.registration.again import AGAIN
 from pipeline.registration.carried import carry_motions, carry_pixels
 from pipeline.registration.method import METHODS
 from pipeline.registration.register import (
@@ -25,6 +26,9 @@ NAMES = SCENE.view_ids
 NEAR, FAR = (NAMES[number] for number in SCENE.reference_views)
 SOURCE = NAMES[0]
 
+LATER = max(AGAIN) + 1
+"""Which frame of a chain frame 0 stands for: from here on, only what has changed is fitted."""
+
 
 def _registered(number: int, targets: tuple[str, ...], previous: Previous | None) -> Previous:
     frame = SCENE.frame(number, noise_sigma=1.0)
@@ -33,7 +37,7 @@ def _registered(number: int, targets: tuple[str, ...], previous: Previous | None
         prepared, targets, NAMES, METHODS["default"], noise=1.0,
         thresholds=Thresholds(weight=6.0, depth=0.1), previous=previous,
     )  # fmt: skip
-    return Previous(prepared=prepared, registrations=found, turn=number + 1)
+    return Previous(prepared=prepared, registrations=found, turn=LATER + number)
 
 
 def _of(found: Previous, target: str) -> ViewRegistration:
