@@ -231,11 +231,7 @@ def _register_again(
 ) -> dict[str, list[ViewRegistration]]:
     """Register the views of a frame onto its references, starting from the previous frame."""
     names = list(dict.fromkeys((*targets, *sources)))
-    old = {
-        (target, registration.registered.view_id): registration
-        for target in targets
-        for registration in previous.registrations[target]
-    }
+    old = _by_views(previous, targets)
 
     def changes(name: str) -> Mask:
         return changed_pixels(prepared[name], previous.prepared[name], noise)
@@ -282,11 +278,7 @@ def _register_moved(
     previous: Previous,
 ) -> dict[str, list[ViewRegistration]]:
     """Register the views of a frame in which the rig has moved."""
-    old = {
-        (target, registration.registered.view_id): registration
-        for target in targets
-        for registration in previous.registrations[target]
-    }
+    old = _by_views(previous, targets)
 
     def again(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
@@ -298,6 +290,17 @@ def _register_moved(
     tasks = [(target, source) for target in targets for source in sources]
     found = dict(zip(tasks, map_threads(again, tasks), strict=True))
     return {target: [found[target, source] for source in sources] for target in targets}
+
+
+def _by_views(
+    previous: Previous, targets: Sequence[str]
+) -> dict[tuple[str, str], ViewRegistration]:
+    """Return the registrations of the previous frame by target and source."""
+    return {
+        (target, registration.registered.view_id): registration
+        for target in targets
+        for registration in previous.registrations[target]
+    }
 
 
 def _lead(
