@@ -21,10 +21,11 @@ not what it waits for before it (a camera). One controller belongs to one stream
 
 The order in which quality goes is the ladder's (:func:`ladder`): first fewer steps of the solver,
 then fewer views (those that stand farthest from the eyes), then registration every second and
-every fourth frame, last the second eye every other frame. A rung down is taken as soon as frames
-cost more than there is time for, several at once where it is much more; a rung up only after a
-long calm, longer each time that it had to be taken back. A frame that would be begun too late is
-dropped, and counted.
+every fourth frame, last the second eye every other frame. As soon as frames cost more than there
+is time for, the controller goes down to the rung whose frames, by what these cost and by the work
+of either rung, have time enough: at once where the first frame of a rung costs a multiple of its
+time. It goes a rung up only after a long calm, longer each time that it had to be taken back. A
+frame that would be begun too late is dropped, and counted.
 """
 
 from __future__ import annotations
@@ -40,11 +41,24 @@ from pipeline.errors import ConfigurationError
 
 Item = TypeVar("Item")
 
-STEPS = (12, 8, 5, 3, 2)
+STEPS = (3, 2)
 """Most steps of the solver, rung by rung."""
+
+FEWER_VIEWS = 0.75
+"""Share of the views that a rung leaves to the one below it, at most."""
 
 REGISTER_EVERY = (2, 4)
 """Frames from one registration to the next, rung by rung."""
+
+BASE, PER_VIEW, PER_STEP = 0.13, 0.075, 0.07
+"""Work of a frame: what is always done, what each view adds (four fifths of it registration) and
+what each step, of the work of a frame of eight views; from processor times on the rendered rig."""
+
+REGISTRATION = 0.8
+"""Share of a view's work that is registration."""
+
+FULL_STEPS = 4
+"""Steps of a warm frame at full quality, about."""
 
 JUDGED = 3
 """Frames whose median cost decides on a rung down: one slow frame alone does not. Where frames
@@ -52,6 +66,16 @@ had to be dropped, two slow ones in a row are enough."""
 
 TOO_MUCH = 1.0
 """Share of the budget above which quality goes down."""
+
+FAR_TOO_MUCH = 2.0
+"""The same for the first frame of a rung that was not climbed to."""
+
+AIM = 0.9
+"""Share of the budget that a frame of the rung gone down to should cost, at most."""
+
+COLD = 3.0
+"""What the first frame of a stream costs, which starts cold, over what the next ones do: a hint,
+since it may compile, too."""
 
 LITTLE = 0.75
 """Share of the budget below which a frame is calm."""
@@ -79,6 +103,14 @@ class Rung:
     second_eye_every: int = 1
     """Frames from one picture of the second eye to the next."""
 
+    def work(self, num_views: int) -> float:
+        """Return about how much a frame of so many views costs, in no unit."""
+        views = num_views if self.views is None else self.views
+        steps = FULL_STEPS if self.steps is None else self.steps
+        of_view = PER_VIEW * (1 - REGISTRATION + REGISTRATION / self.register_every)
+        eyes = (1 + 1 / self.second_eye_every) / 2
+        return (BASE + views * of_view + steps * PER_STEP) * eyes
+
     def __str__(self) -> str:
         parts = []
         if self.steps is not None:
@@ -95,14 +127,16 @@ class Rung:
 def ladder(num_views: int, num_eyes: int = 2) -> tuple[Rung, ...]:
     """Return the rungs from full quality downwards, each with less than the one above it.
 
-    >>> [str(rung) for rung in ladder(3)][-4:-2]
-    ['2 steps, 2 views', '2 steps, 2 views, registration every 2 frames']
+    >>> [rung.views for rung in ladder(8)]
+    [None, None, None, 6, 4, 3, 2, 2, 2, 2]
+    >>> str(ladder(8)[-2])
+    '2 steps, 2 views, registration every 4 frames'
     """
     rungs = [Rung(), *(Rung(steps=steps) for steps in STEPS)]
     fewest = None
-    for views in range(num_views - 1, num_eyes - 1, -1):
-        fewest = views
-        rungs.append(Rung(steps=STEPS[-1], views=views))
+    while (fewest or num_views) > num_eyes:
+        fewest = max(num_eyes, int(FEWER_VIEWS * (fewest or num_views)))
+        rungs.append(Rung(steps=STEPS[-1], views=fewest))
     for every in REGISTER_EVERY:
         rungs.append(Rung(steps=STEPS[-1], views=fewest, register_every=every))
     if num_eyes > 1:
@@ -198,6 +232,10 @@ class Controller:
     _turn: int = field(default=0, init=False)
     _has_dropped: bool = field(default=False, init=False)
     """Since the last change of level."""
+    _has_climbed: bool = field(default=False, init=False)
+    """Whether the last change of level was a rung up."""
+    _is_guess: bool = field(default=True, init=False)
+    """Whether no frame yet has told what frames cost, by having fitted into its time."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.rate) and self.rate > 0):
@@ -253,32 +291,43 @@ class Controller:
             self._turn += 1
         return choice
 
-    def end(self, choice: Choice, seconds: float | None) -> None:
+    def end(self, choice: Choice, seconds: float) -> None:
         """Learn what a frame cost that was not dropped.
+
+        The first one may compile, fills caches and starts cold: it says no more than where to
+        begin, and the first frame that fits into its time puts that right.
 
         Parameters
         ----------
-        seconds : float or None
-            From its beginning until the next one could begin; None: counted, not judged.
+        seconds : float
+            From its beginning until the next one could begin.
         """
+        is_first = not any(self._frames)
         self._frames[choice.level] += 1
-        if seconds is None:
-            return
         cost = seconds / self.budget
+        if is_first:
+            if cost / COLD > FAR_TOO_MUCH:
+                self._move(self._level_for(cost / COLD, self.level + 1))
+            return
         self._since_up += 1
         self._costs = [*self._costs, cost][-JUDGED:]
         self._calm = self._calm + 1 if cost < LITTLE else 0
         load = self._load()
-        if load > TOO_MUCH:
+        was_guess, self._is_guess = self._is_guess, self._is_guess and cost > TOO_MUCH
+        if was_guess and cost <= TOO_MUCH and self._level_for(cost, 0) < self.level:
+            self._move(self._level_for(cost, 0))
+        elif load > TOO_MUCH:
             self._down(load)
         elif self._calm >= self._calm_needed and self.level > 0:
-            self._move(self.level - 1)
+            self._move(self.level - 1, climbs=True)
             self._since_up = 0
 
     def _load(self) -> float:
         """Return the share of the budget that frames take; 0 where it is too early to tell."""
         if len(self._costs) == JUDGED:
             return statistics.median(self._costs)
+        if len(self._costs) == 1 and self._costs[0] > FAR_TOO_MUCH and not self._has_climbed:
+            return self._costs[0]
         return min(self._costs) if self._has_dropped and len(self._costs) > 1 else 0.0
 
     def _down(self, load: float) -> None:
@@ -286,11 +335,25 @@ class Controller:
             self._calm_needed = min(2 * self._calm_needed, LONGEST_CALM)
         elif self._since_up > LONGEST_CALM:
             self._calm_needed = CALM
-        self._move(min(self.level + 1 + int(3 * math.log2(load)), len(self._rungs) - 1))
+        self._move(self._level_for(load, self.level + 1))
 
-    def _move(self, level: int) -> None:
+    def _level_for(self, load: float, highest: int) -> int:
+        """Return the first rung from ``highest`` whose frames have time enough; else the last.
+
+        Parameters
+        ----------
+        load : float
+            Share of the budget that frames take at the rung of now.
+        """
+        of_one = load / self._rungs[self.level].work(self.num_views)
+        for level, rung in enumerate(self._rungs[highest:], highest):
+            if of_one * rung.work(self.num_views) <= AIM:
+                return level
+        return len(self._rungs) - 1
+
+    def _move(self, level: int, *, climbs: bool = False) -> None:
         self.level, self._costs, self._calm, self._turn = level, [], 0, 0
-        self._has_dropped = False
+        self._has_dropped, self._has_climbed = False, climbs
 
 
 def paced(
@@ -299,8 +362,8 @@ def paced(
     """Yield frames with the choices of a controller, which learns what each of them cost.
 
     A frame costs the time until the next one is asked for. The time begins with the end of the
-    first frame, which compiles, fills caches and starts cold. A frame that has to be waited for
-    is not late, and time that is left over is not saved up.
+    first frame. A frame that has to be waited for is not late, and time that is left over is not
+    saved up.
 
     Parameters
     ----------
@@ -316,10 +379,6 @@ def paced(
         choice = controller.begin(0.0 if due is None else begin - due)
         yield frame, choice
         asked = clock()
-        if due is None:
-            controller.end(choice, None)
-            due = asked
-            continue
         if not choice.drop:
             controller.end(choice, asked - begin)
-        due = min(due + controller.budget, asked)
+        due = asked if due is None else min(due + controller.budget, asked)

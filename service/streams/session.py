@@ -282,8 +282,7 @@ class StreamSession:
             **sent.seconds,
             "total": end - sent.seconds["pictures"] - marks[0],
         }
-        if progress.frames_done:  # the first one compiles and starts cold
-            self._controller.end(choice, end - marks[1])
+        self._controller.end(choice, end - marks[1])
         progress.frames_done += 1
         progress.bytes_out += sent.bytes
         progress.size = sent.size
