@@ -11,6 +11,9 @@ from dataclasses import replace
 from pipeline.config import REGISTRATION_PRESETS, Settings, Solver
 from pipeline.frames import MultiViewFrame, View
 from pipeline.freeview import Place
+from pipeline.registration.inverse import inverted
+from pipeline.registration.method import METHODS
+from pipeline.registration.register import Thresholds, prepare_views, register_view
 from pipeline.superresolve import superresolve
 from pipeline.synthetic import SampleScene
 from pipeline.view_at import with_view_between
@@ -53,9 +56,22 @@ def compile_kernels(on_step: Callable[[str], None] = lambda _: None) -> int:
         )  # fmt: skip
     on_step("a single view")
     superresolve(frame, Settings(), targets=(frame.left,), observed_views=(frame.left,))
+    on_step("a camera that moves")
+    _invert_a_motion(frame)
     on_step("a stream, a view between")
     _do_stream(scene)
-    return len(kinds) + 3
+    return len(kinds) + 4
+
+
+def _invert_a_motion(frame: MultiViewFrame) -> None:
+    """Register one eye onto the other, and that one by what was found."""
+    prepared = prepare_views(frame.views, metric=True)
+    source, reference = prepared[frame.left], prepared[frame.right]
+    lead = register_view(
+        source, reference, METHODS["default"], noise=1.0,
+        thresholds=Thresholds(weight=6.0, depth=0.1),
+    )  # fmt: skip
+    inverted(lead, source.fine.nearness, reference.fine.nearness)
 
 
 def _do_stream(scene: SampleScene) -> None:

@@ -30,7 +30,7 @@ class ViewRegistration:
 
     registered: RegisteredView
     motions: FittedMotions | None
-    """None for the reference view itself."""
+    """None for the reference view itself, and where the reference was fitted onto the view."""
     parallax: ParallaxMotion | None
     prior: FitPrior | None = None
     """How firmly the last fit was held; None where there was none."""

@@ -24,6 +24,7 @@ from pipeline.registration.again import (
     with_pixels_of,
 )
 from pipeline.registration.carried import carry_motions, carry_pixels
+from pipeline.registration.inverse import inverted
 from pipeline.registration.method import Layout, MotionModel, RegistrationMethod
 from pipeline.registration.moved import register_moved
 from pipeline.registration.parallax import identity
@@ -277,7 +278,10 @@ def _register_moved(
     thresholds: Thresholds,
     previous: Previous,
 ) -> dict[str, list[ViewRegistration]]:
-    """Register the views of a frame in which the rig has moved."""
+    """Register the views of a frame in which the rig has moved.
+
+    Of two references that are registered onto one another one is fitted, and its motion inverted.
+    """
     old = _by_views(previous, targets)
 
     def again(task: tuple[str, str]) -> ViewRegistration:
@@ -288,8 +292,51 @@ def _register_moved(
         )  # fmt: skip
 
     tasks = [(target, source) for target in targets for source in sources]
-    found = dict(zip(tasks, map_threads(again, tasks), strict=True))
+    inverses = {
+        task
+        for number, task in enumerate(tasks)
+        if task[0] != task[1] and task[::-1] in tasks[:number]
+    }
+    fitted = [task for task in tasks if task not in inverses]
+    found = dict(zip(fitted, map_threads(again, fitted), strict=True))
+
+    def inverse(task: tuple[str, str]) -> ViewRegistration:
+        target, source = task
+        lead = found[source, target]
+        if lead.parallax is not old[source, target].parallax:
+            return again(task)
+        return _inverse(prepared[source], prepared[target], lead, old[task], thresholds)
+
+    others = [task for task in tasks if task in inverses]
+    found |= dict(zip(others, map_threads(inverse, others), strict=True))
     return {target: [found[target, source] for source in sources] for target in targets}
+
+
+def _inverse(
+    source: PreparedView,
+    reference: PreparedView,
+    lead: ViewRegistration,
+    rig: ViewRegistration,
+    thresholds: Thresholds,
+) -> ViewRegistration:
+    """Return a view registered onto a reference, from how that one is registered onto the view.
+
+    Parameters
+    ----------
+    lead : ViewRegistration
+        The reference onto the view.
+    rig : ViewRegistration
+        The view onto the reference in the previous frame.
+    """
+    landed = inverted(lead, reference.fine.nearness, source.fine.nearness)
+    return ViewRegistration(
+        registered=registered_view(source, reference, landed.position, landed.offset, thresholds),
+        motions=None,
+        parallax=rig.parallax,
+        prior=rig.prior,
+        patch_labels=landed.labels,
+        offset=landed.offset,
+    )
 
 
 def _by_views(

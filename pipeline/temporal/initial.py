@@ -25,6 +25,12 @@ REACH = 7
 TOLERATED = 3.0
 """Grey levels by which a matched pixel may differ beside the noise."""
 
+PART = 4
+"""Side of the parts of a block whose sums say at a glance that it does not match."""
+
+SLACK = 1.001
+"""Of the bound, against their rounding."""
+
 CUT = 0.35
 """Share of matched blocks below which the whole frame starts cold: a cut, or a flash."""
 
@@ -72,9 +78,38 @@ class BlockMatch:
         return _spread(self.matched, shape)
 
 
+@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+def _may_match(sums, sums_before, y0, x0, y1, x1, u, v, bound):  # type: ignore[no-untyped-def]
+    """Return whether the sums of a block's parts leave it open that it matches.
+
+    The mean of the squares is no smaller than the square of the mean.
+    """
+    least = 0.0
+    for y in range(y0, y1 - PART + 1, PART):
+        for x in range(x0, x1 - PART + 1, PART):
+            away = sums[y, x] - sums_before[y + v, x + u]
+            least += away * away
+        if least > PART * PART * bound * SLACK:
+            return False
+    return True
+
+
+@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+def _matches(now, before, y0, x0, y1, x1, u, v, bound):  # type: ignore[no-untyped-def]
+    """Return whether the squared differences of a block come to no more than they may."""
+    total = 0.0
+    for y in range(y0, y1):
+        for x in range(x0, x1):
+            away = now[y, x] - before[y + v, x + u]
+            total += away * away
+        if total > bound:
+            return False
+    return True
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
-def _match(now, before, reach, block, limit, first, motion, matched):  # type: ignore[no-untyped-def]
-    """Fill the motion (x, y) of blocks and whether it holds; the shortest motion that does wins.
+def _match(now, before, sums, sums_before, reach, block, limit, first, motion, matched):  # type: ignore[no-untyped-def]
+    """Fill the motion (x, y) of blocks and whether it holds; the first motion that does wins.
 
     Those of every ``GLANCE``-th row, from the ``first``.
     """
@@ -84,7 +119,6 @@ def _match(now, before, reach, block, limit, first, motion, matched):  # type: i
             y0, x0 = row * block, column * block
             y1, x1 = min(y0 + block, height), min(x0 + block, width)
             bound = limit * (y1 - y0) * (x1 - x0)
-            best = np.inf
             for dy in range(-reach, reach + 1):
                 for dx in range(-reach, reach + 1):
                     # the block that stood still is tried first
@@ -92,21 +126,14 @@ def _match(now, before, reach, block, limit, first, motion, matched):  # type: i
                     u = 0 if dy == -reach and dx == -reach else dx
                     if y0 + v < 0 or x0 + u < 0 or y1 + v > height or x1 + u > width:
                         continue
-                    total = 0.0
-                    for y in range(y0, y1):
-                        for x in range(x0, x1):
-                            away = now[y, x] - before[y + v, x + u]
-                            total += away * away
-                        if total >= best:
-                            break
-                    if total < best:
-                        best = total
+                    if _may_match(sums, sums_before, y0, x0, y1, x1, u, v, bound) and _matches(
+                        now, before, y0, x0, y1, x1, u, v, bound
+                    ):
                         motion[row, column, 0], motion[row, column, 1] = u, v
-                    if best <= bound:
+                        matched[row, column] = True
                         break
-                if best <= bound:
+                if matched[row, column]:
                     break
-            matched[row, column] = best <= bound
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -145,23 +172,42 @@ def match_blocks(now: GreyImage, before: GreyImage, noise: float) -> BlockMatch:
     matched = np.zeros((rows, columns), np.bool_)
     if before.shape != now.shape:
         return BlockMatch(motion=motion, matched=matched)
-    variance = 2 * noise**2
-    limit = 1.5 * variance + TOLERATED**2
+    limit = 1.5 * 2 * noise**2 + TOLERATED**2
     middle = min(GLANCE // 2, rows - 1)
-    _match(now, before, REACH, BLOCK, limit, middle, motion, matched)
-    if matched[middle::GLANCE].mean() < CUT / 2:
+    sums, sums_before = (_part_sums(image) for image in (now, before))
+    _match(now, before, sums, sums_before, REACH, BLOCK, limit, middle, motion, matched)
+    whole = _agreeing(now, before, motion, matched, noise)
+    if whole[middle::GLANCE].mean() < CUT / 2:
         return BlockMatch(motion=motion, matched=np.zeros_like(matched))
     for first in range(GLANCE):
         if first != middle:
-            _match(now, before, REACH, BLOCK, limit, first, motion, matched)
+            _match(now, before, sums, sums_before, REACH, BLOCK, limit, first, motion, matched)
+    return BlockMatch(
+        motion=motion, matched=_agreeing(now, before, motion, matched, noise)
+    )  # fmt: skip
+
+
+def _agreeing(
+    now: GreyImage,
+    before: GreyImage,
+    motion: npt.NDArray[np.int32],
+    matched: npt.NDArray[np.bool_],
+    noise: float,
+) -> npt.NDArray[np.bool_]:
+    """Return which of the matched blocks agree everywhere, not in the mean alone."""
+    height, width = now.shape
+    rows, columns = matched.shape
     squares = np.empty((height, width), np.float32)
     _squares(now, before, motion, matched, squares)
     local = cv2.blur(squares, (3, 3), borderType=cv2.BORDER_REFLECT)
-    bad = local > 2.5 * variance + 2 * TOLERATED**2
-    padded = np.zeros((rows * BLOCK, columns * BLOCK), bool)
-    padded[:height, :width] = bad
-    matched &= ~padded.reshape(rows, BLOCK, columns, BLOCK).any(axis=(1, 3))
-    return BlockMatch(motion=motion, matched=matched)
+    bad = np.zeros((rows * BLOCK, columns * BLOCK), bool)
+    bad[:height, :width] = local > 2.5 * 2 * noise**2 + 2 * TOLERATED**2
+    return matched & ~bad.reshape(rows, BLOCK, columns, BLOCK).any(axis=(1, 3))
+
+
+def _part_sums(image: GreyImage) -> GreyImage:
+    """Return the sum over the part that has its upper left corner at each pixel."""
+    return cv2.boxFilter(image, cv2.CV_32F, (PART, PART), anchor=(0, 0), normalize=False)
 
 
 def _spread(values: npt.NDArray, shape: tuple[int, int]) -> npt.NDArray:

@@ -1,0 +1,113 @@
+"""The motion of one view onto another, turned round: where the other's pixels land on the one.
+
+Of two views of one instant either fit tells both ways. Pixels of the view that was fitted are
+spread over those of the other around which they land, as far as they are believed to show what
+is seen there; each of these is then sent back to where they came from. Not in the thesis.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from pipeline.frames import Rejection
+from pipeline.registration.records import ViewRegistration
+from pipeline.registration.windows import Landed
+
+UNSEEN = np.uint8(Rejection.NO_MOTION | Rejection.OUTSIDE | Rejection.OCCLUDED | Rejection.DEPTH)
+"""Reasons for which a pixel is taken not to show what lies where it lands."""
+
+ONE_SURFACE = 0.5
+"""Difference of two pixels' displacements up to which they show one surface, LR pixels."""
+
+
+def inverted(
+    lead: ViewRegistration,
+    nearness: npt.NDArray[np.float32],
+    onto: npt.NDArray[np.float32],
+) -> Landed:
+    """Return where the pixels of a reference land on a view that was registered onto it.
+
+    Parameters
+    ----------
+    lead : ViewRegistration
+        The view onto the reference.
+    nearness, onto : (H, W), (H', W') float32
+        Of the view and of the reference: where two surfaces of the view land on one pixel, the
+        one whose nearness is that of the pixel is taken.
+
+    Returns
+    -------
+    Landed
+        Of the reference's (H', W') pixels, labelled by the patches of the view.
+    """
+    position = np.empty((*onto.shape, 2), np.float32)
+    offset = np.empty(onto.shape, np.float32)
+    labels = np.empty(onto.shape, np.int32)
+    _spread(
+        lead.registered.position, lead.registered.flags, lead.offset, lead.patch_labels, nearness,
+        onto, UNSEEN, ONE_SURFACE, position, offset, labels,
+    )  # fmt: skip
+    return Landed(labels=labels, position=position, offset=offset)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _spread(
+    landed, flags, offset, labels, nearness, onto, unseen, one_surface, position, offsets,
+    out_labels,
+):  # fmt: skip
+    """Write the mean of where the pixels around came from, and of their terms with minus."""
+    height, width = onto.shape
+    one, zero = np.float32(1.0), np.float32(0.0)
+    apart = np.float32(one_surface)
+    total = np.zeros((height, width), np.float32)
+    nearest = np.empty((height, width), np.float32)
+    position[:] = 0
+    offsets[:] = 0
+    out_labels[:] = -1
+    for row in range(landed.shape[0]):
+        for column in range(landed.shape[1]):
+            if flags[row, column] & unseen:
+                continue
+            u, v = landed[row, column, 0], landed[row, column, 1]
+            left, top = int(np.floor(u)), int(np.floor(v))
+            for y in range(max(top, 0), min(top + 2, height)):
+                down = np.float32(y) - v
+                for x in range(max(left, 0), min(left + 2, width)):
+                    right = np.float32(x) - u
+                    weight = (one - abs(right)) * (one - abs(down))
+                    if weight <= zero:
+                        continue
+                    # the view's pixels move from this one on as the reference's do
+                    px, py = np.float32(column) + right, np.float32(row) + down
+                    known = total[y, x]
+                    away = abs(onto[y, x] - nearness[row, column])
+                    if known > zero:
+                        alike = (
+                            abs(px * known - position[y, x, 0]) <= apart * known
+                            and abs(py * known - position[y, x, 1]) <= apart * known
+                        )
+                        if not alike:
+                            if away > nearest[y, x] or (away == nearest[y, x] and weight <= known):
+                                continue
+                            known = zero
+                    if known == zero:
+                        position[y, x, 0] = position[y, x, 1] = offsets[y, x] = zero
+                        nearest[y, x] = away
+                        out_labels[y, x] = labels[row, column]
+                    total[y, x] = known + weight
+                    position[y, x, 0] += weight * px
+                    position[y, x, 1] += weight * py
+                    offsets[y, x] -= weight * offset[row, column]
+                    nearest[y, x] = min(nearest[y, x], away)
+    for y in range(height):
+        for x in range(width):
+            if total[y, x] > zero:
+                share = one / total[y, x]
+                position[y, x, 0] *= share
+                position[y, x, 1] *= share
+                offsets[y, x] *= share
+            else:
+                position[y, x, 0] = np.nan
+                position[y, x, 1] = np.nan
