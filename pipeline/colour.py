@@ -8,6 +8,7 @@ and come back bit for bit.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -35,8 +36,8 @@ RGB_TO_YCC = np.array(
 )
 """(3, 3) float64: RGB to (Y, Cb − 128, Cr − 128)."""
 
-YCC_TO_RGB = np.linalg.inv(RGB_TO_YCC)
-"""(3, 3) float64: the inverse of :data:`RGB_TO_YCC`."""
+YCC_TO_RGB = np.linalg.inv(RGB_TO_YCC).round(15)
+"""(3, 3) float64: the inverse of :data:`RGB_TO_YCC`; what is zero is exactly so."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,6 +72,44 @@ def picture_from_grey(samples: npt.NDArray, peak: float) -> Picture:
     return Picture(luma=luma)
 
 
+def combined(
+    planes: Sequence[npt.NDArray],
+    weights: Sequence[float],
+    offset: float = 0.0,
+    depth: int = cv2.CV_32F,
+) -> npt.NDArray:
+    """Return a weighted sum of planes.
+
+    Parameters
+    ----------
+    planes : sequence of (H, W) arrays
+        Of types that OpenCV knows; those of no weight are not looked at.
+    weights : sequence of float
+        One a plane.
+    offset : float
+        Added to the sum.
+    depth : int
+        OpenCV's number of the result's type; integers are rounded to the nearest and clipped.
+
+    Returns
+    -------
+    ndarray of shape (H, W)
+        A new array.
+
+    Examples
+    --------
+    >>> combined([np.full((1, 3), 2, np.uint8), np.ones((1, 3), np.uint8)], [3.0, 0.5], -1.0)
+    array([[5.5, 5.5, 5.5]], dtype=float32)
+    """
+    terms = [(plane, weight) for plane, weight in zip(planes, weights, strict=True) if weight]
+    (total, scale), *others = terms or [(planes[0], 0.0)]
+    *between, (last, weight) = others or [(total, 0.0)]
+    for plane, share in between:
+        total, scale = cv2.addWeighted(total, scale, plane, share, 0.0, dtype=cv2.CV_32F), 1.0
+    mixed = cv2.addWeighted(total, scale, last, weight, offset, dtype=depth)
+    return np.asarray(mixed).reshape(planes[0].shape)
+
+
 def picture_from_rgb(rgb: npt.NDArray, peak: float) -> Picture:
     """Return luma and chroma of an RGB picture, unrounded.
 
@@ -86,13 +125,11 @@ def picture_from_rgb(rgb: npt.NDArray, peak: float) -> Picture:
     Picture
         New arrays.
     """
-    scaled = rgb.astype(np.float32)
-    if peak != 255:
-        scaled *= np.float32(255.0 / peak)
-    chroma = np.column_stack([RGB_TO_YCC[1:], [CHROMA_CENTRE, CHROMA_CENTRE]])
+    planes = cv2.split(rgb)
+    of_luma, *of_chroma = RGB_TO_YCC * (255.0 / peak)
     return Picture(
-        luma=_float32(cv2.transform(scaled, RGB_TO_YCC[:1])).reshape(scaled.shape[:2]),
-        chroma=_float32(cv2.transform(scaled, chroma)).reshape(*scaled.shape[:2], 2),
+        luma=combined(planes, of_luma),
+        chroma=interleaved([combined(planes, row, CHROMA_CENTRE) for row in of_chroma]),
     )
 
 
@@ -112,7 +149,7 @@ def to_grey(luma: GreyImage, bit_depth: int) -> npt.NDArray:
     ndarray of shape (H, W), uint8 or uint16
         A new array, rounded to the nearest.
     """
-    return _quantised(luma, bit_depth)
+    return _quantised([luma], [1.0], 0.0, bit_depth)
 
 
 def to_rgb(luma: GreyImage, chroma: ChromaImage | None, bit_depth: int) -> npt.NDArray:
@@ -133,20 +170,22 @@ def to_rgb(luma: GreyImage, chroma: ChromaImage | None, bit_depth: int) -> npt.N
         A new array, red first; clipped and rounded to the nearest.
     """
     if chroma is None:
-        return cv2.merge([_quantised(luma, bit_depth)] * 3).reshape(*luma.shape, 3)
-    ycc = np.dstack([luma, chroma]).astype(np.float32, copy=False)
-    offset = -YCC_TO_RGB[:, 1:].sum(axis=1) * CHROMA_CENTRE
-    rgb = cv2.transform(ycc, np.column_stack([YCC_TO_RGB, offset]))
-    return _quantised(rgb.reshape(*luma.shape, 3), bit_depth)
+        return interleaved([to_grey(luma, bit_depth)] * 3)
+    planes = (luma, *cv2.split(chroma))
+    return interleaved(
+        [_quantised(planes, row, -row[1:].sum() * CHROMA_CENTRE, bit_depth) for row in YCC_TO_RGB]
+    )
 
 
-def _float32(values: npt.ArrayLike) -> npt.NDArray[np.float32]:
-    """Return the same array with its type known."""
-    return np.asarray(values, np.float32)
+def interleaved(planes: Sequence[npt.NDArray]) -> npt.NDArray:
+    """Return planes (H, W) as one picture (H, W, channels)."""
+    return np.asarray(cv2.merge(planes)).reshape(*planes[0].shape, len(planes))
 
 
-def _quantised(values: npt.NDArray, bit_depth: int) -> npt.NDArray:
-    if bit_depth <= 8:
-        return np.clip(np.rint(values), 0, 255).astype(np.uint8)
-    scaled = values * np.float32(65535 / 255)
-    return np.clip(np.rint(scaled, out=scaled), 0, 65535, out=scaled).astype(np.uint16)
+def _quantised(
+    planes: Sequence[npt.NDArray], weights: Sequence[float], offset: float, bit_depth: int
+) -> npt.NDArray:
+    """Return a weighted sum of planes on the scale 0..255 as integers."""
+    peak, depth = (255, cv2.CV_8U) if bit_depth <= 8 else (65535, cv2.CV_16U)
+    scale = peak / 255
+    return combined(planes, [scale * weight for weight in weights], scale * offset, depth)

@@ -34,6 +34,7 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
         is_color=info.is_color,
         grid=grid,
         between=place,
+        is_realtime=job.settings.realtime,
     )
 
 

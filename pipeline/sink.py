@@ -39,6 +39,8 @@ class OutputPlan:
     """The HR grid of the targets."""
     between: Place | None = None
     """Where the one target lies, if it is a view between two cameras."""
+    is_realtime: bool = False
+    """Whether it is written at the pace of a live stream."""
 
     @property
     def computed(self) -> tuple[str, ...]:

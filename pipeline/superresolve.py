@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from pipeline.colour import interleaved
 from pipeline.config import Settings, Solver
 from pipeline.effort import FULL, Effort, nearest_views
 from pipeline.errors import ConfigurationError, Interrupted, SceneError
@@ -913,7 +914,8 @@ def _chroma(
             initial_estimate(np.ascontiguousarray(view.chroma[..., plane]), settings.grid)
             for plane in range(2)
         ]
-        return np.clip(np.stack(enlarged, axis=-1), 0.0, 255.0)
+        picture = interleaved(enlarged)
+        return np.clip(picture, 0.0, 255.0, out=picture)
     planes = []
     for plane in range(2):
         views = tuple(

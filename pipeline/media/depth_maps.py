@@ -6,6 +6,8 @@ of another size than the colour image are resampled without inventing values bet
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import numpy.typing as npt
 
@@ -41,6 +43,18 @@ def nearness_from_stored(stored: npt.NDArray, encoding: DepthEncoding) -> DepthM
     SceneError
         If a floating-point map holds NaN: unknown has its own value.
     """
+    if np.issubdtype(stored.dtype, np.unsignedinteger) and stored.itemsize <= 2:
+        return _of_every_number(stored.dtype.name, encoding)[stored]
+    return _computed(stored, encoding)
+
+
+@functools.lru_cache(maxsize=8)
+def _of_every_number(dtype: str, encoding: DepthEncoding) -> DepthMap:
+    """Return nearness by the number stored."""
+    return _computed(np.arange(np.iinfo(dtype).max + 1, dtype=dtype), encoding)
+
+
+def _computed(stored: npt.NDArray, encoding: DepthEncoding) -> DepthMap:
     known = np.ones(stored.shape, bool)
     if np.issubdtype(stored.dtype, np.floating):
         undefined = np.isnan(stored)

@@ -63,6 +63,9 @@ _ENCODERS: dict[VideoCodec, tuple[str, dict[str, str]]] = {
 }
 """Encoder and its settings, by codec."""
 
+_QUICK = {VideoCodec.H264: {"preset": "ultrafast"}}
+"""What is set otherwise where the encoder has to be quick."""
+
 _EXACT_X264 = (
     "aq-mode=0:no-mbtree=1:no-dct-decimate=1:psy=0:chroma-qp-offset=-6"
     ":deadzone-intra=6:deadzone-inter=6"
@@ -274,6 +277,8 @@ class _SegmentEncoder:
         if codec is VideoCodec.AV1:
             # The encoder talks on the error stream otherwise; it reads only this variable.
             os.environ.setdefault("SVT_LOG", "0")
+        if fmt.is_quick:
+            options = options | _QUICK.get(codec, {})
         options = options | _quality_options(fmt, picture) | _x264_options(fmt)
         self._pixels = pixels = _pixels_for(picture, fmt)
         self._container = av.open(

@@ -50,6 +50,7 @@ class MediaSink:
                 fps=plan.fps,
                 codec=None if options.codec is None else VideoCodec(options.codec),
                 crf=options.quality,
+                is_quick=plan.is_realtime,
             )
         if options.frames_dir is not None:
             for name in plan.picture_names.values():

@@ -70,6 +70,8 @@ class VideoFormat:
     """Frames a second, above 0, up to 500."""
     crf: int | None = None
     """Constant rate factor, 1..51 (h264) or 1..63 (vp9, av1); None: the default. Not for ffv1."""
+    is_quick: bool = False
+    """Whether H.264 is coded in less than half the time, as good, into larger files."""
 
     def __post_init__(self) -> None:
         if self.codec not in CODECS[self.container]:
@@ -100,6 +102,7 @@ class VideoFormat:
         fps: Fraction,
         codec: VideoCodec | None = None,
         crf: int | None = None,
+        is_quick: bool = False,
     ) -> VideoFormat:
         """Return the format that a file name asks for.
 
@@ -124,7 +127,9 @@ class VideoFormat:
             )
         container = Container(suffix)
         codec = codec or CODECS[container][0]
-        return cls(container=container, codec=codec, layout=layout, fps=fps, crf=crf)
+        return cls(
+            container=container, codec=codec, layout=layout, fps=fps, crf=crf, is_quick=is_quick
+        )
 
     @property
     def lossless(self) -> bool:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.colour import CHROMA_CENTRE, RGB_TO_YCC, Picture
+from pipeline.colour import CHROMA_CENTRE, RGB_TO_YCC, Picture, combined, interleaved
 from pipeline.errors import SceneError
 
 HD_LINES = 720
@@ -154,14 +154,12 @@ def picture_from_planes(
     change = RGB_TO_YCC @ _rgb_of_ycc(matrix)
     if matrix is Matrix.BT601:
         change = np.eye(3)
-    full = np.column_stack([change @ scale, change @ offset + [0, CHROMA_CENTRE, CHROMA_CENTRE]])
-    stacked = np.dstack([luma, *chroma])
-    height, width = luma.shape
-    luma = np.asarray(cv2.transform(stacked, full[:1]), np.float32).reshape(height, width)
-    return Picture(
-        luma=np.clip(luma, 0, 255, out=luma),
-        chroma=np.asarray(cv2.transform(stacked, full[1:]), np.float32).reshape(height, width, 2),
+    offsets = change @ offset + [0, CHROMA_CENTRE, CHROMA_CENTRE]
+    luma, *chroma = (
+        combined((luma, *chroma), row, constant)
+        for row, constant in zip(change @ scale, offsets, strict=True)
     )
+    return Picture(luma=np.clip(luma, 0, 255, out=luma), chroma=interleaved(chroma))
 
 
 def _rgb_of_ycc(matrix: Matrix) -> npt.NDArray[np.float64]:

@@ -34,6 +34,15 @@ def test_depth_becomes_its_inverse_and_what_is_not_in_front_is_unknown():
     np.testing.assert_allclose(nearness, [[NAN, 1.0, 0.25, NAN]])
 
 
+@pytest.mark.parametrize("kind", DepthKind)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, ">u2", np.int16])
+def test_numbers_of_any_type_mean_the_same(kind, dtype):
+    encoding = DepthEncoding(kind=kind, scale=0.3, offset=-2.0, unknown=7)
+    stored = np.array([[0, 6, 7], [8, 100, 127]], dtype)
+    as_float = nearness_from_stored(stored.astype(np.float32), encoding)
+    np.testing.assert_array_equal(nearness_from_stored(stored, encoding), as_float)
+
+
 def test_infinite_is_unknown_in_floating_point_and_nan_is_an_error():
     encoding = DepthEncoding(kind=DepthKind.INVERSE_DEPTH, scale=2.0)
     stored = np.array([[1.5, np.inf], [-np.inf, 2.0]], np.float32)

@@ -10,6 +10,7 @@ import sys
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -118,6 +119,20 @@ def decoded(path: Path, pixels: str | None = None) -> list[np.ndarray]:
 
 def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_quick_coding_is_as_good(tmp_path):
+    frames = list(moving_eyes(range(5)))
+    worst = []
+    for is_quick in (False, True):
+        video = replace(video_format(), is_quick=is_quick)
+        out, _ = write_and_join(tmp_path, f"quick-{is_quick}", video, [frames[:3], frames[3:]])
+        errors = [
+            np.abs(picture.astype(float) - np.concatenate(eyes, axis=1)).mean()
+            for picture, eyes in zip(decoded(out, "rgb24"), frames, strict=True)
+        ]
+        worst.append(max(errors))
+    assert worst[1] <= 1.05 * worst[0]
 
 
 # Stereo layout
