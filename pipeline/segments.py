@@ -45,11 +45,11 @@ from pipeline.workfolder import SegmentFiles
 
 Item = TypeVar("Item")
 
-WARM_UP = 5
+WARM_UP = 8
 """Frames before a segment that are computed and thrown away where frames start warm, so that
 a segment comes out the same wherever it is computed and the picture does not jump there."""
 
-WATCHED = 2 * MOST_FRAMES
+WATCHED = MOST_FRAMES + 1
 """Frames before those that are only looked at, for the mean of what stands still."""
 
 
