@@ -666,11 +666,18 @@ def _reconstruct(
     if stop is not None and stop():
         raise Interrupted
     trusted = [flags == 0 for flags in solved.flags]
-    all_phases = phase_coverage([view.position for view in registered], trusted, grid, lr_shape)
-    own = [index for index, view in enumerate(registered) if view.is_reference]
-    own_phases = phase_coverage(
-        [registered[index].position for index in own], [trusted[index] for index in own],
-        grid, lr_shape,
+    filled = np.zeros(grid.hr_shape((lr_shape[0], lr_shape[1])), np.bool_)
+    own_phases, all_phases = (
+        phase_coverage(
+            [view.position for view in registered if view.is_reference == is_own],
+            [
+                mask
+                for view, mask in zip(registered, trusted, strict=True)
+                if view.is_reference == is_own
+            ],
+            grid, lr_shape, filled=filled,
+        )
+        for is_own in (True, False)
     )  # fmt: skip
     reports = tuple(
         _view_report(view, flags, weight, misfit)
@@ -946,12 +953,27 @@ def _warnings(frame: MultiViewFrame, sources: Sequence[str]) -> tuple[str, ...]:
     warnings = []
     for view_id in sources:
         view = frame.view(view_id)
+        depth = None if view.depth_map is None else _two_values(view.depth_map)
         if view.depth_map is None:
             warnings.append(f"view {view_id} has no depth: it is taken as one layer")
-        elif not np.isfinite(view.depth_map).any():
+        elif depth is None:
             warnings.append(f"view {view_id}: all of its depth is unknown; taken as one layer")
-        elif np.nanmin(view.depth_map) == np.nanmax(view.depth_map):
+        elif depth[0] == depth[1]:
             warnings.append(f"view {view_id}: its depth is constant, one layer")
-        if float(cv2.minMaxLoc(np.ascontiguousarray(view.luma))[1]) == float(view.luma.min()):
+        luma = _two_values(view.luma)
+        if luma is not None and luma[0] == luma[1]:
             warnings.append(f"view {view_id} is one flat tone: it brings nothing")
     return tuple(warnings)
+
+
+def _two_values(image: GreyImage) -> tuple[float, float] | None:
+    """Return known values of an image, unequal ones if it has any; None where none is known."""
+    found = None
+    # nearly always, a few of its pixels tell
+    for some in (image[::16, ::16], image):
+        known = some[np.isfinite(some)]
+        if known.size:
+            found = float(known.min()), float(known.max())
+            if found[0] < found[1]:
+                break
+    return found

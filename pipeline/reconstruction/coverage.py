@@ -17,6 +17,8 @@ def phase_coverage(
     trusted: Sequence[Mask],
     grid: Grid,
     lr_shape: tuple[int, ...],
+    *,
+    filled: Mask | None = None,
 ) -> float:
     """Return the share of HR pixels on which at least one trusted observation lands, 0..1.
 
@@ -30,9 +32,11 @@ def phase_coverage(
     trusted : sequence of (H, W) bool
     lr_shape : (int, int)
         Of the reference view.
+    filled : (K·H, K·W) bool, optional
+        HR pixels on which others have landed, which count as well; these are added.
     """
-    height, width = grid.hr_shape((lr_shape[0], lr_shape[1]))
-    filled = np.zeros((height, width), np.bool_)
+    if filled is None:
+        filled = np.zeros(grid.hr_shape((lr_shape[0], lr_shape[1])), np.bool_)
     for position, mask in zip(positions, trusted, strict=True):
         _fill(
             np.ascontiguousarray(position, np.float32), np.ascontiguousarray(mask, np.bool_),

@@ -49,8 +49,10 @@ LARGEST_ERROR = 50.0
 """Prediction errors are cut off here before they are averaged, grey levels."""
 
 ROWS = 32
-"""Statistics are taken of every second row of a view that has twice as many rows or more, and of
-every fourth where it has four times as many or more."""
+"""Statistics are taken of every n-th row of a view that has n times as many rows or more, n being
+``SPARSEST`` at most."""
+
+SPARSEST = 8
 
 Pixel = TypeVar("Pixel", bound=np.generic)
 
@@ -365,7 +367,7 @@ def _possible(view: RegisteredView) -> float:
 
 def some_rows(image: npt.NDArray[Pixel]) -> npt.NDArray[Pixel]:
     """Return the rows of an image that statistics are content with, see ``ROWS``; contiguous."""
-    return np.ascontiguousarray(image[:: max(1, min(image.shape[0] // ROWS, 4))])
+    return np.ascontiguousarray(image[:: max(1, min(image.shape[0] // ROWS, SPARSEST))])
 
 
 def left_over(

@@ -9,6 +9,7 @@ taps for every LR pixel, one set for each of the K phases.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,9 +97,11 @@ def _ratio(reference: GreyImage, axis: int, noise: float, grid: Grid) -> float:
     differences = np.diff(reference, axis=axis)
     variance = float(np.vdot(differences, differences)) / differences.size - 2 * noise**2
     ratio = SMOOTHNESS * noise**2 * magnification / max(variance, FLATTEST)
-    return max(ratio, SMALLEST_RATIO)
+    # so few digits that pictures much alike share their taps
+    return max(float(f"{ratio:.2g}"), SMALLEST_RATIO)
 
 
+@functools.lru_cache(maxsize=64)
 def _taps(
     psf: Psf | None, magnification: int, offset: float, ratio: float
 ) -> npt.NDArray[np.float32]:

@@ -30,7 +30,10 @@ from pipeline.reconstruction.sweeps import PAD, TAIL
 from pipeline.threads import map_threads
 
 NUM_BANDS = 4
-"""Bands of HR rows that are worked on side by side; fixed, so that sums never reorder."""
+"""Bands of HR rows that are worked on side by side, at most; fixed, so that sums never reorder."""
+
+BAND_ROWS = 64
+"""HR rows that a band has at least, where there is more than one."""
 
 TILE = 48
 """HR rows whose cells are gathered together, so that they stay in the processor's cache."""
@@ -53,7 +56,7 @@ NOTHING: HrImage = np.empty((0, 0), np.float32)
 @functools.cache
 def bands(height: int) -> list[tuple[int, int]]:
     """Return the half-open row ranges of the bands of an HR image."""
-    edges = np.linspace(0, height, min(NUM_BANDS, height) + 1).astype(int)
+    edges = np.linspace(0, height, max(1, min(NUM_BANDS, height // BAND_ROWS)) + 1).astype(int)
     return [(int(a), int(b)) for a, b in pairwise(edges)]
 
 

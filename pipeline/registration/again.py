@@ -54,7 +54,7 @@ DEPTH_BOX = 25
 CHANGE = 1.5
 """Difference of the smoothed pictures beside the noise that counts as a change, grey levels."""
 
-PROBES = 24
+PROBES = 12
 """Cells that seem to stand still and are probed in a frame."""
 
 DRIFTED = 0.25
@@ -71,6 +71,10 @@ MOSTLY = 0.7
 """Share of changed cells from which all is registered anew."""
 
 
+Counts = npt.NDArray[np.int32]
+"""(H + 1, W + 1): how many pixels of a mask lie above and to the left."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Again:
     """The windows of a view, some of them fitted anew."""
@@ -84,8 +88,12 @@ class Again:
     """(rows, columns): their cells."""
 
 
-def changed_pixels(now: PreparedView, before: PreparedView, noise: float) -> Mask:
-    """Return which pixels have changed between two frames of a view, in picture or in depth."""
+def count_changes(now: PreparedView, before: PreparedView, noise: float) -> Counts:
+    """Return how many pixels have changed between two frames of a view, in picture or in depth."""
+    return cv2.integral(_changed_pixels(now, before, noise).astype(np.uint8))
+
+
+def _changed_pixels(now: PreparedView, before: PreparedView, noise: float) -> Mask:
     fine, old = now.fine, before.fine
     if fine.image.shape != old.image.shape:
         return np.ones(fine.image.shape, bool)
@@ -105,7 +113,7 @@ def register_again(
     source: PreparedView,
     reference: PreparedView,
     before: ViewRegistration,
-    changed: tuple[Mask, Mask],
+    changed: tuple[Counts, Counts],
     noise: float,
     turn: int,
     model: MotionModel,
@@ -117,7 +125,7 @@ def register_again(
     Parameters
     ----------
     changed : (in source, in reference)
-        Pixels that are not what they were.
+        Pixels that are not what they were, counted.
     turn : int
         Frames since the chain began: says which cells are probed now.
     """
@@ -129,12 +137,13 @@ def register_again(
     fresh = np.zeros(patches.grid, bool)
     fresh.flat[patches.cell[dirty]] = True
     merged, kept, fitted = _merged(old, cut_view(source, parallax, fresh), dirty, fresh)
-    start = motions.from_parallax(merged.patches, parallax, model)
-    start[:, motions.OFFSET] = prior.offset_mean
-    start[~fitted] = merged.motion[~fitted]
+    some = merged.patches.some(fitted)
+    start, directions = merged.motion.copy(), np.zeros((len(fitted), 2))
+    start[fitted] = motions.from_parallax(some, parallax, model)
+    start[fitted, motions.OFFSET] = prior.offset_mean
+    directions[fitted] = motions.parallax_directions(some, parallax)
     fit, samples = fit_windows(
-        source, reference, windows_of(merged), start, PASSES, prior,
-        motions.parallax_directions(merged.patches, parallax), noise=noise,
+        source, reference, windows_of(merged), start, PASSES, prior, directions, noise=noise,
         min_support=MIN_SUPPORT, before=(merged, fitted),
     )  # fmt: skip
     return Again(
@@ -149,7 +158,7 @@ def stale_patches(
     source: PreparedView,
     reference: PreparedView,
     before: ViewRegistration,
-    changed: tuple[Mask, Mask],
+    changed: tuple[Counts, Counts],
     noise: float,
     turn: int,
 ) -> Chosen | None:
@@ -161,9 +170,8 @@ def stale_patches(
     if old is None or not isinstance(old.patches, Windows):
         return None
     patches = old.patches
-    shift = np.column_stack([old.motion[:, [0, 6]]] * 2).round().astype(np.int32)
-    dirty = any_inside(changed[0], patches.cells)
-    dirty |= any_inside(changed[1], patches.cells + shift)
+    dirty = np.empty(len(patches.cells), bool)
+    _touch(*changed, patches.cells, old.motion, dirty)
     dirty = around(patches, dirty, 0)
     probes = _probes(old, dirty, turn)
     moved = _probe(source, reference, old, probes, before, noise)
@@ -303,15 +311,24 @@ def judged_again(renewed: Mask) -> Mask:
     return cv2.dilate(renewed.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
 
 
-def any_inside(
-    mask: npt.NDArray[np.bool_], windows: npt.NDArray[np.int32]
-) -> npt.NDArray[np.bool_]:
-    """Return, for each window (x0, y0, x1, y1), whether the mask holds anywhere in it."""
-    height, width = mask.shape
-    counts = cv2.integral(mask.astype(np.uint8))
-    x0, x1 = (np.clip(windows[:, side], 0, width) for side in (0, 2))
-    y0, y1 = (np.clip(windows[:, side], 0, height) for side in (1, 3))
-    return counts[y1, x1] - counts[y0, x1] - counts[y1, x0] + counts[y0, x0] > 0
+@njit(nogil=True, cache=True, error_model="numpy")
+def _touch(here, there, cells, motion, found):
+    """Mark the cells in which something has changed, or where they land.
+
+    ``here`` and ``there`` count the changed pixels of source and reference, see ``Counts``.
+    """
+    for p in range(cells.shape[0]):
+        u, v = int(np.rint(motion[p, 0])), int(np.rint(motion[p, 6]))
+        found[p] = _count_inside(here, cells[p], 0, 0) + _count_inside(there, cells[p], u, v) > 0
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _count_inside(counts, box, u, v):
+    """Return how many pixels of a mask lie in a box (x0, y0, x1, y1) moved by (u, v)."""
+    height, width = counts.shape[0] - 1, counts.shape[1] - 1
+    x0, x1 = min(max(box[0] + u, 0), width), min(max(box[2] + u, 0), width)
+    y0, y1 = min(max(box[1] + v, 0), height), min(max(box[3] + v, 0), height)
+    return counts[y1, x1] - counts[y0, x1] - counts[y1, x0] + counts[y0, x0]
 
 
 def with_pixels_of(before: ViewRegistration, source: PreparedView) -> ViewRegistration:

@@ -34,6 +34,13 @@ class Patches:
     support: npt.NDArray[np.int32]
     """(P,): pixels that belong."""
 
+    def some(self, chosen: npt.NDArray[np.bool_]) -> Patches:
+        """Return those chosen, (P,)."""
+        return Patches(
+            windows=self.windows[chosen], ranges=self.ranges[chosen], planes=self.planes[chosen],
+            support=self.support[chosen],
+        )  # fmt: skip
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Windows(Patches):

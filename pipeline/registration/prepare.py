@@ -16,6 +16,9 @@ from pipeline.registration.patches import fill_unknown
 SMOOTHING = 0.7
 """σ of the Gaussian that tames aliasing and noise before registration, LR pixels."""
 
+RANGE_LINES = 96
+"""The range of depth is taken from so many rows or columns at least, where there are more."""
+
 SMALLEST = 16
 """Pixels along each side that a picture has at least of which a coarser one is made."""
 
@@ -81,6 +84,11 @@ class PreparedView:
     """Whether nearness is 1 / depth in the units of the calibration."""
 
     @functools.cached_property
+    def middle_nearness(self) -> float:
+        """Median over the view."""
+        return float(np.median(self.fine.nearness[::16, ::16]))
+
+    @functools.cached_property
     def levels(self) -> tuple[Level, ...]:
         """The pyramid, finest first, made where it is asked for."""
         found = [self.fine]
@@ -90,6 +98,12 @@ class PreparedView:
             nearness = np.ascontiguousarray(found[-1].nearness[::2, ::2])
             found.append(_level(image, nearness, self.smoothing))
         return tuple(found)
+
+    def level(self, number: int) -> Level | None:
+        """Return a level, 0 being the finest; None where the picture is too small for it."""
+        if number == 0:
+            return self.fine
+        return self.levels[number] if number < len(self.levels) else None
 
 
 def _level(
@@ -121,7 +135,8 @@ def prepare(
         nearness = fill_unknown(view.depth_map)
         if min(nearness.shape) >= 5:
             nearness = cv2.medianBlur(nearness, 5)
-        values = nearness[known]
+        step = max(1, min(nearness.shape) // RANGE_LINES)
+        values = nearness[::step, ::step][known[::step, ::step]]
         depth_range = float(np.subtract(*np.percentile(values, [98, 2]))) if values.size else 0.0
     return PreparedView(
         view=view,

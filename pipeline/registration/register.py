@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.frames import Mask, RegisteredView, View
+from pipeline.frames import RegisteredView, View
 from pipeline.registration.again import (
     Again,
-    changed_pixels,
+    Counts,
+    count_changes,
     judged_again,
     register_again,
     renumbered,
@@ -216,8 +217,8 @@ class Before:
     """Two views in the previous frame, and what has happened to them since."""
 
     registration: ViewRegistration
-    changed: tuple[Mask, Mask]
-    """In the source and in the reference."""
+    changed: tuple[Counts, Counts]
+    """Pixels in the source and in the reference, counted."""
     turn: int
 
 
@@ -234,8 +235,8 @@ def _register_again(
     names = list(dict.fromkeys((*targets, *sources)))
     old = _by_views(previous, targets)
 
-    def changes(name: str) -> Mask:
-        return changed_pixels(prepared[name], previous.prepared[name], noise)
+    def changes(name: str) -> Counts:
+        return count_changes(prepared[name], previous.prepared[name], noise)
 
     changed = dict(zip(names, map_threads(changes, names), strict=True))
 
@@ -398,15 +399,14 @@ def _carried(
     kept = Landed(
         labels=old.patch_labels, position=old.registered.position, offset=old.offset
     )  # fmt: skip
-    landed = carry_pixels(
-        source, lead, old.parallax, offset, kept, pixels_of(fresh, old.offset.shape)
-    )
-    renewed = judged_again(pixels_of(fresh, old.offset.shape))
+    pixels = pixels_of(fresh, old.offset.shape)
+    landed = carry_pixels(source, lead, old.parallax, offset, kept, pixels)
+    renewed = judged_again(pixels)
     return replace(
         old,
         registered=registered_view(
             source, reference, landed.position, landed.offset, thresholds,
-            before=(old.registered, renewed),
+            before=(old.registered, pixels, renewed),
         ),
         motions=carry_motions(lead, old.parallax, offset),
         patch_labels=landed.labels,
@@ -434,11 +434,12 @@ def _renewed(
         offset=old.offset,
     )  # fmt: skip
     landed = land(source, reference, again.fit, noise, method, before=(kept, again.fresh))
-    renewed = judged_again(pixels_of(again.fresh, old.offset.shape))
+    pixels = pixels_of(again.fresh, old.offset.shape)
+    renewed = judged_again(pixels)
     return ViewRegistration(
         registered=registered_view(
             source, reference, landed.position, landed.offset, thresholds,
-            before=(old.registered, renewed),
+            before=(old.registered, pixels, renewed),
         ),
         motions=again.fit.fitted,
         parallax=again.fit.parallax,

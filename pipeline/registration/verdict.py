@@ -17,7 +17,7 @@ def registered_view(
     offset: GreyImage,
     thresholds: Thresholds,
     *,
-    before: tuple[RegisteredView, Mask] | None = None,
+    before: tuple[RegisteredView, Mask, Mask] | None = None,
 ) -> RegisteredView:
     """Return a view with its landing points weighed and verified.
 
@@ -27,14 +27,14 @@ def registered_view(
         Landing points, LR pixels of the reference.
     offset : (H, W) float32
         Intensity term ζ, grey levels.
-    before : (registered, pixels to renew), optional
+    before : (registered, pixels to weigh, pixels to verify), optional
         Where only some pixels have changed: what the others keep.
     """
     luma = source.view.luma
     known_weights = known_flags = None
     if before is not None:
-        old, renewed = before
-        known_weights, known_flags = (old.registration_weights, renewed), (old.flags, renewed)
+        old, landed, judged = before
+        known_weights, known_flags = (old.registration_weights, landed), (old.flags, judged)
     weights = registration_weights(
         reference.raw_coefficients, position, luma, offset, before=known_weights
     )

@@ -26,6 +26,13 @@ EDGE_REACH = 4
 EDGE_STRICTNESS = 0.5
 """That T_w, as a share of T_w."""
 
+_REASONS = {
+    reason.name.lower(): reason.value for reason in Rejection if reason.name and reason.value
+}
+
+_HAS_REASON = np.arange(256)[:, None] & np.array(list(_REASONS.values())) != 0
+"""(256, reasons) bool: of each value of the flags, which reasons it holds."""
+
 
 def registration_weights(
     reference_coefficients: npt.NDArray[np.float32],
@@ -212,8 +219,18 @@ def verify(
 
 def mean_squares(weights: GreyImage) -> npt.NDArray[np.float32]:
     """Return the mean of the squares of 3 × 3 weights, those beyond the sides as those at them."""
-    squares = np.nan_to_num(weights * weights, copy=False, nan=NO_WEIGHT, posinf=NO_WEIGHT)
+    squares = np.empty(weights.shape, np.float32)
+    _square(weights, np.float32(NO_WEIGHT), squares)
     return cv2.blur(squares, (3, 3), borderType=cv2.BORDER_REPLICATE)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _square(weights, nothing, out):
+    """Write the squares of weights, and something large where there is none."""
+    for row in range(weights.shape[0]):
+        for column in range(weights.shape[1]):
+            square = weights[row, column] * weights[row, column]
+            out[row, column] = square if square < np.inf else nothing
 
 
 def jumps_of_motion(position: Positions, wanted: Mask | None = None) -> npt.NDArray[np.uint8]:
@@ -243,11 +260,14 @@ def beside_jump(position: Positions, reach: int) -> npt.NDArray[np.bool_]:
 
 def count_rejections(flags: npt.NDArray[np.uint8]) -> dict[str, int]:
     """Return how many pixels carry each reason, by its lower-case name; all reasons listed."""
-    # as floats, which count exactly up to 16 million pixels
-    counts = cv2.calcHist([flags], [0], None, [256], [0, 256]).ravel()
-    kinds = np.arange(counts.size)
-    return {
-        reason.name.lower(): int(counts[kinds & reason.value != 0].sum())
-        for reason in Rejection
-        if reason.name and reason.value
-    }
+    counts = np.zeros((4, 256), np.int64)
+    _count(np.ascontiguousarray(flags).reshape(-1), counts)
+    sums = (counts.sum(axis=0) @ _HAS_REASON).tolist()
+    return dict(zip(_REASONS, sums, strict=True))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _count(flags, counts):
+    """Count bytes, in place; in four tables, since equal ones beside each other would wait."""
+    for index in range(flags.size):
+        counts[index & 3, flags[index]] += 1

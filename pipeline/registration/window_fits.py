@@ -135,9 +135,9 @@ def fit_windows(
     first = first.astype(np.int32)
     samples = no_samples((0, 0))
     for run in passes:
-        if run.level >= min(len(source.levels), len(reference.levels)):
+        at, onto = source.level(run.level), reference.level(run.level)
+        if at is None or onto is None:
             continue
-        at, onto = source.levels[run.level], reference.levels[run.level]
         finer = 2**run.level
         pitch = run.stride * finer
         samples = no_samples(at.image.shape if pitch == 1 else (0, 0))

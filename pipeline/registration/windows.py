@@ -125,10 +125,10 @@ def _nearness_at(view: PreparedView, points: npt.NDArray[np.float64]) -> npt.NDA
 
 def pixels_per_nearness(source: PreparedView, parallax: ParallaxMotion) -> float:
     """Return how far one unit of nearness moves a point, LR pixels, median over the view."""
-    nearness = source.fine.nearness
-    height, width = nearness.shape
-    derivative = parallax.parallax(width / 2, height / 2, nearness[::16, ::16])
-    return float(np.median(np.linalg.norm(derivative, axis=-1)))
+    height, width = source.fine.nearness.shape
+    # in front of the camera it grows with nearness or falls, so that its median is at the median
+    derivative = parallax.parallax(width / 2, height / 2, source.middle_nearness)
+    return float(np.linalg.norm(derivative))
 
 
 def pixels_of(cells: Mask, shape: tuple[int, ...]) -> Mask:

@@ -231,7 +231,7 @@ def warped(
         The previous frame's result, which matched blocks take moved, and the cold start, which
         the others take.
     """
-    start = np.empty_like(previous)
+    start = previous.copy()
     _warp(
         match.motion, match.matched, previous, cold, grid.magnification_x, grid.magnification_y,
         start,
@@ -241,7 +241,7 @@ def warped(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _warp(motion, matched, previous, cold, across, down, out):  # type: ignore[no-untyped-def]
-    """Write the blocks: those matched from the previous picture, moved, the others cold."""
+    """Write the blocks that are not what the previous picture has there: moved from it, or cold."""
     height, width = out.shape
     for row in range(matched.shape[0]):
         y0, y1 = row * BLOCK * down, min((row + 1) * BLOCK * down, height)
@@ -251,6 +251,8 @@ def _warp(motion, matched, previous, cold, across, down, out):  # type: ignore[n
                 out[y0:y1, x0:x1] = cold[y0:y1, x0:x1]
                 continue
             u, v = motion[row, column, 0] * across, motion[row, column, 1] * down
+            if u == 0 and v == 0:
+                continue
             for y in range(y0, y1):
                 at = min(max(y + v, 0), height - 1)
                 for x in range(x0, x1):
