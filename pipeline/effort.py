@@ -31,8 +31,16 @@ class Effort:
     """False: the motions of the previous frame are kept as they are. A frame without a
     previous one is registered all the same."""
 
+    register_every: int = 1
+    """The motions of a view are found anew in every so manieth frame, of other views in each, and
+    kept between; ≥ 1."""
+
+    alone: bool = False
+    """True: what has changed is restored from its own view, what has not stays as it was, and no
+    other view is looked at."""
+
     def __post_init__(self) -> None:
-        for name in ("steps", "views"):
+        for name in ("steps", "views", "register_every"):
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise ConfigurationError(f"effort: {name} must be 1 or more, not {value}")

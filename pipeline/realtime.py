@@ -8,10 +8,8 @@ each one is begun and what it cost, and does what it says::
         choice = controller.begin(late)        # seconds since the frame was due
         if choice.drop:
             continue                           # show the last picture again
-        targets = (left, right) if choice.both_eyes else (left,)
         begin = time.perf_counter()
-        result = worker.take(frame, targets=targets, effort=choice.effort)
-        ...                                    # an eye that is not made shows its last picture
+        result = worker.take(frame, effort=choice.rung.effort)
         controller.end(choice, time.perf_counter() - begin)
     print(controller.account.sentence())
 
@@ -20,12 +18,12 @@ not what it waits for before it (a camera). One controller belongs to one stream
 :class:`pipeline.worker.Worker` does. :func:`paced` does all of this for an iterator of frames.
 
 The order in which quality goes is the ladder's (:func:`ladder`): first fewer steps of the solver,
-then fewer views (those that stand farthest from the eyes), then registration every second and
-every fourth frame, last the second eye every other frame. As soon as frames cost more than there
-is time for, the controller goes down to the rung whose frames, by what these cost and by the work
-of either rung, have time enough: at once where the first frame of a rung costs a multiple of its
-time. It goes a rung up only after a long calm, longer each time that it had to be taken back. A
-frame that would be begun too late is dropped, and counted.
+then the motions of each view found anew more seldom, then fewer views (those that stand farthest
+from the eyes), last each eye of itself alone. As soon as frames cost more than there is time for,
+the controller goes down to the rung whose frames, by what these cost and by the work of either
+rung, have time enough: at once where the first frame of a rung costs a multiple of its time. It
+goes a rung up only after a long calm, longer each time that it had to be taken back. A frame that
+would be begun too late is dropped, and counted.
 """
 
 from __future__ import annotations
@@ -33,10 +31,10 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from pipeline.effort import Effort
+from pipeline.effort import FULL, Effort
 from pipeline.errors import ConfigurationError
 
 Item = TypeVar("Item")
@@ -44,18 +42,21 @@ Item = TypeVar("Item")
 STEPS = (3, 2)
 """Most steps of the solver, rung by rung."""
 
-FEWER_VIEWS = 0.75
-"""Share of the views that a rung leaves to the one below it, at most."""
+REGISTER_EVERY = (2, 4, 8)
+"""Frames from one registration of a view to the next, rung by rung."""
 
-REGISTER_EVERY = (2, 4)
-"""Frames from one registration to the next, rung by rung."""
+VIEWS = (0.75, 0.5)
+"""Shares of the views that are observed, rung by rung."""
 
-BASE, PER_VIEW, PER_STEP = 0.13, 0.075, 0.07
-"""Work of a frame: what is always done, what each view adds (four fifths of it registration) and
-what each step, of the work of a frame of eight views; from processor times on the rendered rig."""
+BASE, PER_VIEW, PER_STEP = 0.22, 0.08, 0.035
+"""Work of a frame: what is always done, what each view adds and what each step, of the work of a
+frame of eight views; from processor times on the rendered rig."""
 
-REGISTRATION = 0.8
+REGISTRATION = 0.7
 """Share of a view's work that is registration."""
+
+ALONE = 0.08
+"""Work of a frame whose eyes are made of themselves alone."""
 
 FULL_STEPS = 4
 """Steps of a warm frame at full quality, about."""
@@ -94,59 +95,56 @@ PATIENCE = 2.0
 class Rung:
     """One step of the ladder: how much goes into a frame."""
 
-    steps: int | None = None
-    """Most steps of the solver; None: as many as it needs."""
-    views: int | None = None
-    """Views observed; None: all."""
-    register_every: int = 1
-    """Frames from one registration to the next."""
-    second_eye_every: int = 1
-    """Frames from one picture of the second eye to the next."""
+    effort: Effort = FULL
 
     def work(self, num_views: int) -> float:
         """Return about how much a frame of so many views costs, in no unit."""
-        views = num_views if self.views is None else self.views
-        steps = FULL_STEPS if self.steps is None else self.steps
-        of_view = PER_VIEW * (1 - REGISTRATION + REGISTRATION / self.register_every)
-        eyes = (1 + 1 / self.second_eye_every) / 2
-        return (BASE + views * of_view + steps * PER_STEP) * eyes
+        if self.effort.alone:
+            return ALONE
+        views = num_views if self.effort.views is None else self.effort.views
+        steps = FULL_STEPS if self.effort.steps is None else self.effort.steps
+        of_view = PER_VIEW * (1 - REGISTRATION + REGISTRATION / self.effort.register_every)
+        return BASE + views * of_view + steps * PER_STEP
 
     def __str__(self) -> str:
+        effort = self.effort
+        if effort.alone:
+            return "each eye alone"
         parts = []
-        if self.steps is not None:
-            parts.append(f"{self.steps} steps")
-        if self.views is not None:
-            parts.append(f"{self.views} views")
-        if self.register_every > 1:
-            parts.append(f"registration every {self.register_every} frames")
-        if self.second_eye_every > 1:
-            parts.append("second eye at half rate")
+        if effort.steps is not None:
+            parts.append(f"{effort.steps} steps")
+        if effort.register_every > 1:
+            parts.append(f"views registered every {effort.register_every} frames")
+        if effort.views is not None:
+            parts.append(f"{effort.views} views")
         return ", ".join(parts) or "full quality"
 
 
 def ladder(num_views: int, num_eyes: int = 2) -> tuple[Rung, ...]:
     """Return the rungs from full quality downwards, each with less than the one above it.
 
-    >>> [rung.views for rung in ladder(8)]
-    [None, None, None, 6, 4, 3, 2, 2, 2, 2]
-    >>> str(ladder(8)[-2])
-    '2 steps, 2 views, registration every 4 frames'
+    >>> for rung in ladder(8):
+    ...     print(rung)
+    full quality
+    3 steps
+    2 steps
+    2 steps, views registered every 2 frames
+    2 steps, views registered every 4 frames
+    2 steps, views registered every 8 frames
+    2 steps, views registered every 8 frames, 6 views
+    2 steps, views registered every 8 frames, 4 views
+    each eye alone
     """
-    rungs = [Rung(), *(Rung(steps=steps) for steps in STEPS)]
-    fewest = None
-    while (fewest or num_views) > num_eyes:
-        fewest = max(num_eyes, int(FEWER_VIEWS * (fewest or num_views)))
-        rungs.append(Rung(steps=STEPS[-1], views=fewest))
-    for every in REGISTER_EVERY:
-        rungs.append(Rung(steps=STEPS[-1], views=fewest, register_every=every))
-    if num_eyes > 1:
-        rungs.append(
-            Rung(
-                steps=STEPS[-1], views=fewest, register_every=REGISTER_EVERY[-1],
-                second_eye_every=2,
-            )
-        )  # fmt: skip
-    return tuple(rungs)
+    efforts = [FULL, *(Effort(steps=steps) for steps in STEPS)]
+    if num_views > 1:
+        efforts += [replace(efforts[-1], register_every=every) for every in REGISTER_EVERY]
+    counts = [max(num_eyes, round(share * num_views)) for share in VIEWS]
+    efforts += [
+        replace(efforts[-1], views=count)
+        for count, above in zip(counts, (num_views, *counts), strict=False)
+        if count < above
+    ]
+    return tuple(Rung(effort=effort) for effort in (*efforts, Effort(alone=True)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,9 +156,6 @@ class Choice:
     level: int
     """Rung, 0 for full quality."""
     rung: Rung
-    effort: Effort
-    both_eyes: bool
-    """False: the first eye only."""
     late: float
     """Seconds after its time."""
 
@@ -229,7 +224,6 @@ class Controller:
     _calm: int = field(default=0, init=False)
     _calm_needed: int = field(default=CALM, init=False)
     _since_up: int = field(default=TRIAL, init=False)
-    _turn: int = field(default=0, init=False)
     _has_dropped: bool = field(default=False, init=False)
     """Since the last change of level."""
     _has_climbed: bool = field(default=False, init=False)
@@ -272,24 +266,10 @@ class Controller:
             Seconds since it was due; 0 or less where it is in time.
         """
         drop = late > PATIENCE * self.budget
-        rung = self._rungs[self.level]
-        choice = Choice(
-            drop=drop,
-            level=self.level,
-            rung=rung,
-            effort=Effort(
-                steps=rung.steps, views=rung.views,
-                register=self._turn % rung.register_every == 0,
-            ),
-            both_eyes=self._turn % rung.second_eye_every == 0,
-            late=late,
-        )  # fmt: skip
         if drop:
             self.dropped += 1
             self._has_dropped = True
-        else:
-            self._turn += 1
-        return choice
+        return Choice(drop=drop, level=self.level, rung=self._rungs[self.level], late=late)
 
     def end(self, choice: Choice, seconds: float) -> None:
         """Learn what a frame cost that was not dropped.
@@ -352,7 +332,7 @@ class Controller:
         return len(self._rungs) - 1
 
     def _move(self, level: int, *, climbs: bool = False) -> None:
-        self.level, self._costs, self._calm, self._turn = level, [], 0, 0
+        self.level, self._costs, self._calm = level, [], 0
         self._has_dropped, self._has_climbed = False, climbs
 
 

@@ -344,8 +344,7 @@ class _Line:
 def hold_rate(line: _Line, frames: Iterable[_ReadFrame], info: SceneInfo) -> Iterator[_DoneFrame]:
     """Yield frames as a live stream would have them: see :mod:`pipeline.realtime`.
 
-    One chain goes through all segments. A frame that is dropped, and an eye that is left out,
-    show their last picture again.
+    One chain goes through all segments. A frame that is dropped shows the last picture again.
     """
     targets = line.work.plan.targets
     controller = Controller(
@@ -357,17 +356,12 @@ def hold_rate(line: _Line, frames: Iterable[_ReadFrame], info: SceneInfo) -> Ite
     for item, choice in paced(frames, controller, line.clock):
         begin = line.clock()
         frame = item.frame
-        made: tuple[str, ...] = ()
+        is_shown_again = choice.drop and last is not None
         if choice.drop and last is not None:
             report = replace(last.report, frame_index=frame.frame_index, timings={})
             last = replace(last, frame_index=frame.frame_index, report=report, debug={})
         else:
-            made = targets if choice.both_eyes or last is None else targets[: -(-len(targets) // 2)]
-            result = line.worker.take(
-                frame, targets=made, effort=choice.effort, neighbours=item.neighbours
-            )
-            images = {} if last is None else last.images
-            last = replace(result, images={**images, **result.images})
+            last = line.worker.take(frame, effort=choice.rung.effort, neighbours=item.neighbours)
         yield _DoneFrame(
             result=last,
             timings={
@@ -377,7 +371,7 @@ def hold_rate(line: _Line, frames: Iterable[_ReadFrame], info: SceneInfo) -> Ite
             realtime=RealtimeRecord(
                 dropped=choice.drop,
                 rung=str(choice.rung),
-                repeated=tuple(target for target in targets if target not in made),
+                repeated=targets if is_shown_again else (),
                 late=max(0.0, choice.late),
             ),
         )  # fmt: skip

@@ -24,6 +24,7 @@ from pipeline.grid import Grid
 from pipeline.learned_filters import learned_filters
 from pipeline.noise import estimate_noise
 from pipeline.reconstruction.again import Due, fuse_again
+from pipeline.reconstruction.alone import CHANGE_REACH, Restored, restored
 from pipeline.reconstruction.coverage import phase_coverage
 from pipeline.reconstruction.fused import (
     FusedResult,
@@ -48,6 +49,7 @@ from pipeline.registration.register import (
     Thresholds,
     ViewRegistration,
     prepare_views,
+    register_some,
     register_views,
 )
 from pipeline.registration.verification import count_rejections
@@ -94,9 +96,6 @@ MOVED_PSF_POWER = 0.6
 STILL = FusedTuning(alone=0.0, together=2)
 """The same where nothing has changed but the mean of the observations."""
 
-CHANGE_REACH = 2
-"""How far a change reaches into what is reconstructed, LR pixels."""
-
 MOSTLY_CHANGED = 0.9
 """Share of the pixels, halos included, from which what has changed is not worth being cut out:
 all is reconstructed again at once."""
@@ -127,6 +126,8 @@ class Solved:
     frames: npt.NDArray[np.float32] | None
     """(H, W): of how many frames the pixels observed were the mean when it was made of them;
     None where there is no chain."""
+    restored: Restored | None = None
+    """Where frames since then were made of the target alone: what they left."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -215,6 +216,10 @@ def superresolve(
     Interrupted
         If ``stop`` said so; nothing is returned then.
     """
+    if effort.alone:
+        return restore_frame(
+            frame, settings, targets=targets, psf=psf, stop=stop, memory=memory, effort=effort
+        )
     registered = register_frame(
         frame, settings, targets=targets, observed_views=observed_views, psf=psf,
         keep_intermediates=keep_intermediates, stop=stop, memory=memory, effort=effort,
@@ -259,14 +264,7 @@ def register_frame(
     observed = (*sources, *added)
     views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
     noise = (memory or Memory()).noise(frame, settings, sources)
-    if psf is None:
-        if settings.psf == "auto":
-            raise ConfigurationError("--psf auto: no estimate was made before the first frame")
-        psf = (
-            BicubicPsf(magnification=settings.grid.largest)
-            if settings.psf == "bicubic"
-            else given_psf(settings)
-        )
+    psf = psf or _psf_of(settings)
     method = chosen_method(settings)
     clock.done("preparation")
     with stoppable(stop):
@@ -292,14 +290,20 @@ def register_frame(
             and not has_moved
             and _covers(previous, targets, observed)
         )
+        due = known = observed
+        if previous is not None and _covers(previous, targets, observed) and not has_moved:
+            due = _due_views(observed, effort.register_every, previous.turn)
+            known = (*observed, *_left_out(previous, targets, observed))
         if previous is not None and keeps_motions:
             found = previous
             registrations = _with_pixels_of(previous, widened, targets, observed)
         else:
             prepared, registrations = _registered(
-                frame, views, targets, observed, settings, method, noise, previous
+                frame, views, targets, known, settings, method, noise, previous, due
             )
             found = Previous(prepared=prepared, registrations=registrations, turn=0)
+            if len(due) < len(known):
+                registrations = _with_pixels_of(found, widened, targets, observed)
     if memory is not None:
         # motions that are kept stay with the pixels that they were found from
         memory.keep(
@@ -376,6 +380,65 @@ def reconstruct_frame(
     return FrameResult(frame_index=frame.frame_index, images=images, report=report, debug=debug)
 
 
+def restore_frame(
+    frame: MultiViewFrame,
+    settings: Settings,
+    *,
+    targets: tuple[str, ...],
+    psf: Psf | None = None,
+    stop: Callable[[], bool] | None = None,
+    memory: Memory | None = None,
+    effort: Effort = FULL,
+) -> FrameResult:
+    """Do what :func:`superresolve` does where each target is to be made of itself alone.
+
+    What has not changed since the previous frame stays as it was.
+    """
+    set_threads(settings.threads)
+    clock = _Stages(stop)
+    psf = psf or _psf_of(settings)
+    memory = memory or Memory()
+    frame = replace(frame, views=tuple(frame.view(target) for target in targets))
+    with stoppable(stop):
+        if not memory.is_of_size(frame):
+            memory.forget()
+        noise = memory.noise(frame, settings, targets)
+        frame = memory.averaged(frame, noise)
+        learned = chosen_filters(settings, psf, noise)
+        clock.done("preparation")
+
+        def restore(target: str) -> Restored:
+            return restored(
+                memory.still[target], memory.restored(target), settings.grid, psf, noise, learned
+            )
+
+        found = dict(zip(targets, map_threads(restore, targets), strict=True))
+        memory.keep_restored(frame, found)
+        clock.done("reconstruction")
+        images = {
+            target: SuperResolvedImage(
+                view_id=target,
+                luma=made.shown,
+                chroma=_chroma(frame, settings, target, targets, psf),
+            )
+            for target, made in found.items()
+        }
+    clock.done("chroma")
+    report = FrameReport(
+        frame_index=frame.frame_index,
+        noise_sigma=noise,
+        noise_is_estimated=settings.noise_sigma is None,
+        psf_sigma=psf.sigma,
+        psf_support=psf.support,
+        psf_is_estimated=settings.psf == "auto",
+        targets=tuple(_report_alone(target, settings) for target in targets),
+        effort=effort,
+        motions_are_kept=True,
+        timings=clock.timings,
+    )
+    return FrameResult(frame_index=frame.frame_index, images=images, report=report)
+
+
 class Memory:
     """What one frame of a chain leaves to the next; one owner, one stream.
 
@@ -433,7 +496,8 @@ class Memory:
             return first_seen(view.luma) if before is None else seen_again(view.luma, before, noise)
 
         found = map_threads(seen, frame.views)
-        self.still = {view.view_id: still for view, still in zip(frame.views, found, strict=True)}
+        seen_now = {view.view_id: still for view, still in zip(frame.views, found, strict=True)}
+        self.still = {**self.still, **seen_now}
         views = [
             replace(view, luma=still.mean) for view, still in zip(frame.views, found, strict=True)
         ]
@@ -511,6 +575,39 @@ class Memory:
             return None
         return self._solved[target]
 
+    def is_of_size(self, frame: MultiViewFrame) -> bool:
+        """Return whether the targets of the frame before, if any, have the size of this one's."""
+        shapes = {luma.shape for luma in self._observed.values()}
+        return not shapes or shapes == {frame.lr_shape}
+
+    def restored(self, target: str) -> Restored | None:
+        """Return what a target's last frame leaves to one that is made of the target alone."""
+        solved = self._solved.get(target)
+        if self.previous is None or solved is None or solved.frames is None:
+            return None
+        return solved.restored or Restored(
+            estimate=solved.result.estimate, shown=solved.shown,
+            frames=np.full_like(solved.frames, np.inf),
+        )  # fmt: skip
+
+    def keep_restored(self, frame: MultiViewFrame, made: Mapping[str, Restored]) -> None:
+        """Remember a frame whose targets were made of themselves alone; of a chain only."""
+        if self.previous is None:
+            return
+        self._last = frame.frame_index
+        for target, left in made.items():
+            self._observed[target] = frame.view(target).luma
+            old = self._solved[target]
+            self._solved[target] = replace(
+                old,
+                result=replace(old.result, estimate=left.estimate),
+                shown=left.shown,
+                frames=None
+                if old.frames is None
+                else np.where(np.isinf(left.frames), old.frames, np.float32(0)),
+                restored=left,
+            )
+
     def keep_solved(self, registered: RegisteredFrame, solved: dict[str, Solved]) -> None:
         """Remember a frame that is reconstructed."""
         self._solved_turn, self._solved = registered.turn, solved
@@ -530,6 +627,15 @@ class _Stages:
         self._begin = now
         if self._stop is not None and self._stop():
             raise Interrupted
+
+
+def _psf_of(settings: Settings) -> Psf:
+    """Return the PSF that the settings tell."""
+    if settings.psf == "auto":
+        raise ConfigurationError("--psf auto: no estimate was made before the first frame")
+    if settings.psf == "bicubic":
+        return BicubicPsf(magnification=settings.grid.largest)
+    return given_psf(settings)
 
 
 def given_psf(settings: Settings) -> GaussianPsf:
@@ -574,12 +680,21 @@ def _registered(
     method: RegistrationMethod,
     noise: float,
     previous: Previous | None,
+    due: Sequence[str],
 ) -> tuple[dict[str, PreparedView], dict[str, list[ViewRegistration]]]:
-    prepared = prepare_views(views, metric=frame.depth_is_metric)
+    """Return the views prepared and registered; those that are not due keep their motions."""
+    needed = [view for view in views if view.view_id in (*targets, *due)]
+    prepared = prepare_views(needed, metric=frame.depth_is_metric)
     thresholds = Thresholds(
         weight=settings.weight_threshold or default_weight_threshold(noise),
         depth=settings.depth_threshold,
     )
+    if previous is not None and len(due) < len(sources):
+        prepared = {**previous.prepared, **prepared}
+        return prepared, register_some(
+            prepared, targets, sources, due, method, noise=noise, thresholds=thresholds,
+            previous=previous,
+        )  # fmt: skip
     known = [
         source
         for source in sources
@@ -595,6 +710,25 @@ def _registered(
             for target in targets:
                 found[target] |= dict(zip(part, registrations[target], strict=True))
     return prepared, {target: [found[target][source] for source in sources] for target in targets}
+
+
+def _due_views(sources: Sequence[str], every: int, turn: int) -> tuple[str, ...]:
+    """Return the views whose motions are found anew in this frame.
+
+    >>> [_due_views("abcd", 3, turn) for turn in range(3)]
+    [('a', 'd'), ('c',), ('b',)]
+    """
+    return tuple(name for place, name in enumerate(sources) if (place + turn) % every == 0)
+
+
+def _left_out(
+    previous: Previous, targets: Sequence[str], sources: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the views that were registered onto all targets before, but for these."""
+    names = [one.registered.view_id for one in previous.registrations[targets[0]]]
+    return tuple(
+        name for name in names if name not in sources and _covers(previous, targets, [name])
+    )
 
 
 def _covers(previous: Previous, targets: Sequence[str], sources: Sequence[str]) -> bool:
@@ -615,8 +749,7 @@ def _with_pixels_of(
         found[target] = []
         for source in sources:
             old = before[source]
-            offset = previous.prepared[source].view.luma - old.registered.observed
-            observed = frame.view(source).luma - offset
+            observed = frame.view(source).luma - old.offset
             found[target].append(
                 replace(old, registered=replace(old.registered, observed=observed))
             )
@@ -647,7 +780,8 @@ def _reconstruct(
         choice = match.choice
     views = tuple(view.view_id for view in registered)
     due = shown = None
-    if previous is not None and previous.views == views:
+    if previous is not None:
+        previous = _of_views(previous, registered)
         due = _due(frame, target, previous)
     if previous is not None and start is not None and due is not None:
         shown = previous.shown, [box for part in due for box in part.boxes], grid
@@ -720,6 +854,29 @@ def _reconstruct(
         frames=_frames_solved(frame, target, previous, due),
     )  # fmt: skip
     return _Target(image=image, report=report, debug=debug, solved=kept)
+
+
+def _of_views(solved: Solved, registered: Sequence[RegisteredView]) -> Solved:
+    """Return what is left of a frame to one that observes other views: nothing of new ones."""
+    views = tuple(view.view_id for view in registered)
+    if views == solved.views:
+        return solved
+    places = {name: place for place, name in enumerate(solved.views)}
+    weights, flags = solved.result.weights, solved.result.flags
+    result = replace(
+        solved.result,
+        weights=tuple(
+            weights[places[view.view_id]]
+            if view.view_id in places
+            else np.zeros(view.flags.shape, np.float32)
+            for view in registered
+        ),
+        flags=tuple(
+            flags[places[view.view_id]] if view.view_id in places else view.flags
+            for view in registered
+        ),
+    )
+    return replace(solved, result=result, views=views)
 
 
 def _due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due] | None:
@@ -863,6 +1020,23 @@ def _view_report(
         rejections=rejections,
         median_absolute_weight=median_magnitude(some_rows(view.registration_weights)),
         residual_rms=misfit,
+    )
+
+
+def _report_alone(target: str, settings: Settings) -> TargetReport:
+    """Return the report of a target that was made of itself alone."""
+    own = 100.0 / (settings.grid.magnification_x * settings.grid.magnification_y)
+    return TargetReport(
+        view_id=target,
+        views=(),
+        phase_coverage=own,
+        phase_coverage_reference=own,
+        remark="No other view was looked at.",
+        solver=settings.solver,
+        iterations=0,
+        stop_reason="alone",
+        residuals=(),
+        start=StartChoice(warm_share=0.0, is_cut=False),
     )
 
 

@@ -48,6 +48,7 @@ __all__ = [
     "Thresholds",
     "ViewRegistration",
     "prepare_views",
+    "register_some",
     "register_view",
     "register_views",
 ]
@@ -242,8 +243,11 @@ def _register_again(
 
     def before(task: tuple[str, str]) -> Before:
         target, source = task
+        now = changed[source], changed[target]
         return Before(
-            registration=old[task], changed=(changed[source], changed[target]), turn=previous.turn
+            registration=replace(old[task], missed=None),
+            changed=_either(now, old[task].missed),
+            turn=previous.turn,
         )
 
     def again(task: tuple[str, str]) -> ViewRegistration:
@@ -268,6 +272,56 @@ def _register_again(
     others = [task for task in tasks if task not in found]
     found |= dict(zip(others, map_threads(carried, others), strict=True))
     return {target: [found[target, source] for source in sources] for target in targets}
+
+
+def register_some(
+    prepared: dict[str, PreparedView],
+    targets: Sequence[str],
+    sources: Sequence[str],
+    due: Sequence[str],
+    method: RegistrationMethod,
+    *,
+    noise: float,
+    thresholds: Thresholds,
+    previous: Previous,
+) -> dict[str, list[ViewRegistration]]:
+    """Return what :func:`register_views` does, with the motions of some views only found anew.
+
+    The others keep theirs, and what has changed meanwhile is remembered for when it is their turn.
+
+    Parameters
+    ----------
+    prepared : dict
+        Of those that are due and of the targets, this frame's views; of the others the previous
+        frame's. Pixels of views that are not due are the caller's to bring up to date.
+    due : sequence of view ids
+        Sources whose motions are found anew.
+    """
+    found = register_views(
+        prepared, targets, due, method, noise=noise, thresholds=thresholds, previous=previous
+    )
+    kept = _by_views(previous, targets)
+    changed = {
+        name: changed_pixels(prepared[name], previous.prepared[name], noise) for name in targets
+    }
+
+    def missed(target: str, source: str) -> ViewRegistration:
+        old = kept[target, source]
+        nothing = np.zeros_like(changed[target])
+        return replace(
+            old, missed=_either((changed.get(source, nothing), changed[target]), old.missed)
+        )
+
+    anew = {(target, one.registered.view_id): one for target in targets for one in found[target]}
+    return {
+        target: [anew.get((target, source)) or missed(target, source) for source in sources]
+        for target in targets
+    }
+
+
+def _either(now: tuple[Mask, Mask], before: tuple[Mask, Mask] | None) -> tuple[Mask, Mask]:
+    """Return which pixels have changed now or before, in a view and in its reference."""
+    return now if before is None else (now[0] | before[0], now[1] | before[1])
 
 
 def _register_moved(

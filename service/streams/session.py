@@ -126,7 +126,7 @@ class StreamSession:
         self._frames = LiveFrames(manifest, max_pixels=limits.max_pixels)
         self._controller = Controller(rate=float(manifest.fps), num_views=len(manifest.view_ids))
         self._eyes: dict[str, Picture] = {}
-        """The last picture of each eye."""
+        """The last pictures."""
         self._latency = Latency()
         self._history: deque[dict[str, Any]] = deque(maxlen=KEEP_HISTORY)
         self._progress = Progress()
@@ -315,10 +315,7 @@ class StreamSession:
             self._worker = self._made_worker(frame)
         if not self.options.real_time:
             return self._worker.take(frame)
-        left, right = self.manifest.pair
-        both = choice.both_eyes or right not in self._eyes
-        targets = (left, right) if both else (left,)
-        return self._worker.take(frame, targets=targets, effort=choice.effort)
+        return self._worker.take(frame, effort=choice.rung.effort)
 
     def _made_worker(self, first: MultiViewFrame) -> Worker:
         """Return the worker, with the PSF of the first frame where it is to be estimated."""
@@ -335,9 +332,9 @@ class StreamSession:
     def _finished(
         self, result: FrameResult, frame: MultiViewFrame, assembled: AssembledFrame
     ) -> FinishedFrame:
-        """Return the pictures of both eyes; one that was left out shows its last picture."""
+        """Return the pictures of both eyes."""
         left, right = self.manifest.pair
-        self._eyes |= {view: _picture(image) for view, image in result.images.items()}
+        self._eyes = {view: _picture(image) for view, image in result.images.items()}
         return FinishedFrame(
             left=self._eyes[left],
             right=self._eyes[right],

@@ -447,9 +447,9 @@ def test_a_rate_that_is_too_high_is_held_by_dropping_and_says_so(tmp_path):
     """Ten frames at once do not fit; every frame is in the file, and accounted for."""
 
     class Slow(worker(enlarge)):
-        def take(self, frame, *, targets, effort, neighbours):
+        def take(self, frame, *, effort, neighbours):
             time.sleep(0.05)
-            result = enlarge(frame, self.settings, targets=targets)
+            result = enlarge(frame, self.settings, targets=("cam0", "cam1"))
             return dataclasses.replace(
                 result, report=dataclasses.replace(result.report, effort=effort)
             )
@@ -477,9 +477,9 @@ def test_a_rate_that_is_too_high_is_held_by_dropping_and_says_so(tmp_path):
 
 def test_a_rate_that_is_low_enough_changes_nothing(tmp_path):
     class Quick(worker(enlarge)):
-        def take(self, frame, *, targets, effort, neighbours):
+        def take(self, frame, *, effort, neighbours):
             assert effort.is_full
-            return enlarge(frame, self.settings, targets=targets)
+            return enlarge(frame, self.settings, targets=("cam0", "cam1"))
 
     settings = Settings(temporal="warm", realtime=True, rate=0.01)
     summary = run_job(

@@ -1,0 +1,67 @@
+"""A view made of itself alone, and only what has changed of it: the quickest way to a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.grid import Grid
+from pipeline.reconstruction.fused import estimate_alone
+from pipeline.reconstruction.learned import LearnedFilters
+from pipeline.reconstruction.psf import Psf
+from pipeline.reconstruction.system import HrImage
+from pipeline.temporal.still import Still
+
+CHANGE_REACH = 2
+"""How far a change reaches into what is reconstructed, LR pixels."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Restored:
+    """What a frame that was made of its own view leaves to the next one."""
+
+    estimate: HrImage
+    """(K·H, K·W) float32, grey levels."""
+    shown: HrImage
+    """The same, clipped to 0..255, where it was restored; what was shown of it elsewhere."""
+    frames: npt.NDArray[np.float32]
+    """(H, W): of how many frames the pixels observed were the mean when they were restored;
+    infinite where all views had made it."""
+
+
+def restored(
+    still: Still,
+    before: Restored | None,
+    grid: Grid,
+    psf: Psf,
+    noise: float,
+    learned: LearnedFilters | None,
+) -> Restored:
+    """Return a view restored where it has changed, or where its pixels are worth twice as much.
+
+    Parameters
+    ----------
+    still : Still
+        The view, averaged over the frames in which it has stood still.
+    before : Restored, optional
+        The frame before; without it all is restored.
+    noise : float
+        Standard deviation of a single frame, grey levels.
+    """
+    mean, count = still.mean, still.count
+    if before is None:
+        estimate = estimate_alone(mean, grid, psf, noise, learned)
+        return Restored(estimate=estimate, shown=np.clip(estimate, 0.0, 255.0), frames=count)
+    side = 2 * CHANGE_REACH + 1
+    wanted = cv2.dilate(still.changed.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    wanted |= count >= 2 * before.frames
+    alone = estimate_alone(mean, grid, psf, noise, learned, wanted)
+    estimate, shown, frames = before.estimate.copy(), before.shown.copy(), before.frames.copy()
+    fine = wanted.repeat(grid.magnification_y, 0).repeat(grid.magnification_x, 1)
+    np.copyto(estimate, alone, where=fine)
+    np.copyto(shown, np.clip(alone, 0.0, 255.0, out=alone), where=fine)
+    np.copyto(frames, count, where=wanted)
+    return Restored(estimate=estimate, shown=shown, frames=frames)
