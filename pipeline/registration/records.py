@@ -44,9 +44,9 @@ class ViewRegistration:
     fresh: Mask | None = None
     """(rows, columns): cells whose patches are not those of the previous frame; None where all
     have been registered anew."""
-    missed: tuple[Mask, Mask] | None = None
-    """(H, W) each, in the view and in the reference: pixels that have changed in frames in which
-    it was kept as it is; None where there was none such."""
+    missed: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]] | None = None
+    """(H + 1, W + 1) each, in the view and in the reference: how many pixels above and to the left
+    have changed in frames in which it was kept as it is; None where there was none such."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -246,7 +246,7 @@ def _register_again(
         now = changed[source], changed[target]
         return Before(
             registration=replace(old[task], missed=None),
-            changed=_either(now, old[task].missed),
+            changed=_together(now, old[task].missed),
             turn=previous.turn,
         )
 
@@ -302,14 +302,14 @@ def register_some(
     )
     kept = _by_views(previous, targets)
     changed = {
-        name: changed_pixels(prepared[name], previous.prepared[name], noise) for name in targets
+        name: count_changes(prepared[name], previous.prepared[name], noise) for name in targets
     }
 
     def missed(target: str, source: str) -> ViewRegistration:
         old = kept[target, source]
         nothing = np.zeros_like(changed[target])
         return replace(
-            old, missed=_either((changed.get(source, nothing), changed[target]), old.missed)
+            old, missed=_together((changed.get(source, nothing), changed[target]), old.missed)
         )
 
     anew = {(target, one.registered.view_id): one for target in targets for one in found[target]}
@@ -319,9 +319,11 @@ def register_some(
     }
 
 
-def _either(now: tuple[Mask, Mask], before: tuple[Mask, Mask] | None) -> tuple[Mask, Mask]:
-    """Return which pixels have changed now or before, in a view and in its reference."""
-    return now if before is None else (now[0] | before[0], now[1] | before[1])
+def _together(
+    now: tuple[Counts, Counts], before: tuple[Counts, Counts] | None
+) -> tuple[Counts, Counts]:
+    """Return how many pixels have changed now or before, in a view and in its reference."""
+    return now if before is None else (now[0] + before[0], now[1] + before[1])
 
 
 def _register_moved(

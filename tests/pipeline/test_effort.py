@@ -110,7 +110,7 @@ def test_views_are_registered_in_turn_and_what_they_missed_is_made_up_for(frames
         for pair, registration in now.items():
             if pair[1] in kept:
                 assert registration.motions is before[pair].motions
-                assert not registration.missed[1].all()
+                assert 0 <= registration.missed[1].max() < 4 * frame.views[0].luma.size
     assert seen[0] | seen[1] | seen[2] == set(SCENE.view_ids)
     assert seen[3] == seen[0] != seen[1]
     assert any(one.missed is not None and one.missed[1].any() for one in now.values())
