@@ -29,6 +29,7 @@ from pipeline.reconstruction.coverage import phase_coverage
 from pipeline.reconstruction.fused import (
     FusedResult,
     FusedTuning,
+    by_power,
     estimate_alone,
     finished,
     fuse,
@@ -83,15 +84,22 @@ WARM = FusedTuning(alone=0.0, together=4)
 NEW = FusedTuning(alone=0.0, together=14, settled=0.08)
 """The same where the previous frame does not show it."""
 
-MOVED = FusedTuning(together=8, prior_strength=0.1)
+MOVED = FusedTuning(
+    together=7, prior_strength=0.09, prior_noise_power=1.75, prior_psf_powers=(-1.0, -1.35),
+    data_share=0.015,
+)  # fmt: skip
 """Work from a cold start where the camera has moved, of two views and at σ_psf 1: few steps smooth
-by themselves, and leave less to the prior. More views need no more steps as it is."""
+by themselves, and leave less to the prior; with so few observations they may go farther. More views
+need no more steps as it is."""
 
 MOVED_FROM = 1.0
 """Noise from which so few steps are enough: with less of it there is more to find, grey levels."""
 
-MOVED_PSF_POWER = 0.6
-"""They grow with σ_psf to this power, or with its inverse."""
+MOVED_PSF_POWERS = (-1.3, 0.85)
+"""They grow with σ_psf to the first power below σ_psf 1, to the second above; …"""
+
+MOVED_NOISE_POWERS = (-0.2, 0.0)
+"""… and with the noise likewise, below and above noise 2."""
 
 STILL = FusedTuning(alone=0.0, together=2)
 """The same where nothing has changed but the mean of the observations."""
@@ -937,8 +945,9 @@ def _tuning(frame: RegisteredFrame, num_views: int, start: GreyImage | None) -> 
     is_known = num_views == 2 and frame.noise >= MOVED_FROM and frame.settings.grid.largest == 2
     if not (frame.has_moved and is_known):
         return FusedTuning()
-    width = max(frame.psf.sigma, 1 / frame.psf.sigma)
-    return replace(MOVED, together=round(MOVED.together * width**MOVED_PSF_POWER))
+    growth = by_power(frame.psf.sigma, MOVED_PSF_POWERS)
+    growth *= by_power(frame.noise / 2, MOVED_NOISE_POWERS)
+    return replace(MOVED, together=round(MOVED.together * growth))
 
 
 def _solve(

@@ -32,7 +32,13 @@ from pipeline.reconstruction.parts import Box, covering_boxes, on_hr_grid, widen
 from pipeline.reconstruction.psf import Psf, SeparableTaps, psf_taps, sampling_taps
 from pipeline.reconstruction.realign import realigned
 from pipeline.reconstruction.restoration import restoration_of
-from pipeline.reconstruction.system import HrImage, NormalEquations, sample, spline_coefficients
+from pipeline.reconstruction.system import (
+    DATA_SHARE,
+    HrImage,
+    NormalEquations,
+    sample,
+    spline_coefficients,
+)
 from pipeline.threads import map_threads
 
 IMPOSSIBLE = np.uint8(
@@ -101,6 +107,8 @@ class FusedTuning:
     hold: float = 2.8
     """Steps for which the prior is held quadratic at noise 1, at least one; in inverse proportion
     to the noise: the less there is, the less the prior says."""
+    data_share: float = DATA_SHARE
+    """What the preconditioner adds for the observations."""
     settled: float = 0.06
     """Share of its first gradient at which a descent has come far enough, at noise 1 and σ_psf
     1; …"""
@@ -178,17 +186,17 @@ def estimate_alone(
 def prior_strength(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
     """Return λ for a noise (grey levels) and a PSF (HR pixels)."""
     noise = max(noise, SMALLEST_NOISE)
-    of_psf = _power(max(psf_sigma, SMALLEST_SIGMA), tuning.prior_psf_powers)
+    of_psf = by_power(max(psf_sigma, SMALLEST_SIGMA), tuning.prior_psf_powers)
     return tuning.prior_strength * noise**tuning.prior_noise_power * of_psf
 
 
 def settled_share(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
     """Return the share of its first gradient at which a descent has come far enough."""
-    of_psf = _power(max(psf_sigma, SMALLEST_SIGMA), tuning.settled_psf_powers)
-    return tuning.settled * _power(noise, tuning.settled_noise_powers) * of_psf
+    of_psf = by_power(max(psf_sigma, SMALLEST_SIGMA), tuning.settled_psf_powers)
+    return tuning.settled * by_power(noise, tuning.settled_noise_powers) * of_psf
 
 
-def _power(value: float, powers: tuple[float, float]) -> float:
+def by_power(value: float, powers: tuple[float, float]) -> float:
     """Return a value to the first power where it is below one, to the second above."""
     below, above = powers
     return value ** (below if value < 1 else above)
@@ -302,7 +310,8 @@ def fuse(
         return system.descend(
             estimate, scale, strength, plan if most is None else min(plan, most),
             hold=max(1, round(tuning.hold / noise)),
-            settled=settled_share(noise, psf.sigma, tuning), stop=stop,
+            settled=settled_share(noise, psf.sigma, tuning), data_share=tuning.data_share,
+            stop=stop,
         )  # fmt: skip
 
     is_alone = len(registered) == 1

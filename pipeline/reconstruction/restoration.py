@@ -108,6 +108,22 @@ def _taps(
     """Return the taps of each phase over LR pixels, (K, odd) float32, unit sum."""
     if psf is None:
         return np.ones((1, 1), np.float32)
+    blur, squares, roughness = _system(psf, magnification, offset)
+    inverse = np.linalg.solve(squares + ratio * roughness, blur.T)
+    middle = len(blur) // 2
+    found = inverse[middle * magnification : (middle + 1) * magnification]
+    found = found[:, middle - REACH : middle + REACH + 1]
+    needed = np.flatnonzero((np.abs(found) > NEGLIGIBLE).any(axis=0))
+    reach = int(np.abs(needed - REACH).max())
+    found = found[:, REACH - reach : REACH + reach + 1]
+    return (found / found.sum(axis=1, keepdims=True)).astype(np.float32)
+
+
+@functools.lru_cache(maxsize=8)
+def _system(
+    psf: Psf, magnification: int, offset: float
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return S B of a few LR pixels, (S B)ᵀ S B and Dᵀ D."""
     count = 4 * REACH + 1
     size = count * magnification
     blur = np.zeros((count, size))
@@ -118,11 +134,4 @@ def _taps(
         for index, tap in enumerate(taps, centre - taps.size // 2):
             blur[row, mirror(index, size)] += tap
     steps = np.diff(np.eye(size), axis=0)
-    inverse = np.linalg.solve(blur.T @ blur + ratio * steps.T @ steps, blur.T)
-    middle = count // 2
-    found = inverse[middle * magnification : (middle + 1) * magnification]
-    found = found[:, middle - REACH : middle + REACH + 1]
-    needed = np.flatnonzero((np.abs(found) > NEGLIGIBLE).any(axis=0))
-    reach = int(np.abs(needed - REACH).max())
-    found = found[:, REACH - reach : REACH + reach + 1]
-    return (found / found.sum(axis=1, keepdims=True)).astype(np.float32)
+    return blur, blur.T @ blur, steps.T @ steps

@@ -192,6 +192,7 @@ class NormalEquations:
         *,
         hold: int = 1,
         settled: float = 0.0,
+        data_share: float = DATA_SHARE,
         stop: Callable[[], bool] | None = None,
     ) -> HrImage:
         """Return the estimate after some steps of conjugate gradients, a new array.
@@ -213,6 +214,8 @@ class NormalEquations:
         settled : float
             Ends where the (preconditioned) gradient has fallen to this share of what it was, the
             prior being weighed anew.
+        data_share : float
+            What the preconditioner adds for the observations.
         stop : callable, optional
             Polled before every step; true ends the work.
         """
@@ -229,7 +232,7 @@ class NormalEquations:
         while done < steps and not (stop is not None and stop()):
             renew = held >= hold
             energy, along = self._look(
-                step, image, direction, residual, applied, renew, prior, scale, unit,
+                step, image, direction, residual, applied, renew, prior, scale, unit, data_share,
                 next_image, next_residual, sharpened,
             )  # fmt: skip
             image, next_image = next_image, image
@@ -288,7 +291,7 @@ class NormalEquations:
     def _look(
         self, step: float, image: HrImage, direction: HrImage, residual: HrImage,
         applied: HrImage, renew: bool, prior: npt.NDArray[np.uint16], scale: float, unit: float,
-        image_after: HrImage, residual_after: HrImage, sharpened: HrImage,
+        data_share: float, image_after: HrImage, residual_after: HrImage, sharpened: HrImage,
     ) -> tuple[float, float]:  # fmt: skip
         """Take a step, and write the preconditioned gradient there; return two products of it.
 
@@ -304,7 +307,7 @@ class NormalEquations:
             )
         parts = map_threads(
             lambda band: sweeps.look_and_sharpen(
-                step, image, direction, residual, applied, prior, unit, PRIOR_SHARE, DATA_SHARE,
+                step, image, direction, residual, applied, prior, unit, PRIOR_SHARE, data_share,
                 *self._sharpening, *band, image_after, residual_after, sharpened,
             ),
             self._bands,

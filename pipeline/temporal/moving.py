@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from pipeline.frames import GreyImage
 
@@ -65,22 +66,27 @@ def found_again(now: GreyImage, before: GreyImage) -> tuple[float, int]:
     reach_x, reach_y = (
         int(np.ceil(share * side)) for share, side in zip(REACH, (width, height), strict=True)
     )
-    side = 2 * HALF + 1
+    means, means_there = _patch_means(picture), _patch_means(other)
+    plain = _patch_means(picture * picture) - means**2 < PLAIN**2
     found = []
     for y in range(HALF, height - HALF, SPACING):
         for x in range(HALF, width - HALF, SPACING):
-            patch = picture[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1]
-            if patch.std() < PLAIN:
+            if plain[y, x]:
                 continue
-            around = other[
-                max(0, y - HALF - reach_y) : y + HALF + 1 + reach_y,
-                max(0, x - HALF - reach_x) : x + HALF + 1 + reach_x,
-            ]
+            patch = picture[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1]
+            top, left = max(0, y - HALF - reach_y), max(0, x - HALF - reach_x)
+            around = other[top : y + HALF + 1 + reach_y, left : x + HALF + 1 + reach_x]
             scores = cv2.matchTemplate(around, patch, cv2.TM_CCOEFF_NORMED)
             _, score, _, (column, row) = cv2.minMaxLoc(scores)
-            there = around[row : row + side, column : column + side]
-            found.append(score >= ALIKE and abs(patch.mean() - there.mean()) <= AS_BRIGHT)
+            there = means_there[top + row + HALF, left + column + HALF]
+            found.append(score >= ALIKE and abs(means[y, x] - there) <= AS_BRIGHT)
     return float(np.mean(found)) if found else 0.0, len(found)
+
+
+def _patch_means(image: GreyImage) -> npt.NDArray[np.float64]:
+    """Return the mean of the patch around each pixel."""
+    side = 2 * HALF + 1
+    return cv2.boxFilter(image, cv2.CV_64F, (side, side))
 
 
 def _coarse(image: GreyImage) -> GreyImage:

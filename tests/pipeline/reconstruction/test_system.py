@@ -271,7 +271,7 @@ def test_sweeps_by_bands_are_the_same_bits(regular, cuts):
         looked = [np.empty_like(image) for _ in range(3)]
         parts = [_image(seed=seed) for seed in (5, 6, 7)]
         for renew in (False, True):
-            system._look(0.3, image, *parts, renew, prior, 5.0, 0.7, *looked[:3])
+            system._look(0.3, image, *parts, renew, prior, 5.0, 0.7, 0.04, *looked[:3])
             looked += [array.copy() for array in (*looked[:3], prior)]
         turned = [np.empty_like(image) for _ in range(2)]
         system._turn(image, 0.4, parts[0], prior, 0.7, *turned)
