@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
+from pipeline.config import Settings
 from pipeline.errors import ConfigurationError, OutputError
 from pipeline.job import InputOptions, Job, OutputOptions
 from pipeline.media.files import check_folder_writable, check_writable
 from pipeline.media.info import SceneInfo
+from pipeline.media.png import png_path
+from pipeline.media.source import FrameSource
+from pipeline.media.video_format import video_paths
+from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.sink import OutputPlan
+from pipeline.stereo import StereoLayout
 from pipeline.view_at import place_of
 
 
@@ -23,12 +31,14 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
         if job.settings.realtime:
             raise ConfigurationError("--realtime: makes the two eyes; leave --view-at out")
     grid = job.settings.grid
+    hr_shape = grid.hr_shape(info.lr_shape)
+    _check_psf(job.settings, hr_shape)
     return OutputPlan(
         options=replace(job.output, layout=layout),
         targets=targets,
         left=info.left,
         right=info.right,
-        hr_shape=grid.hr_shape(info.lr_shape),
+        hr_shape=hr_shape,
         fps=info.fps,
         bit_depth=info.bit_depth,
         is_color=info.is_color,
@@ -71,6 +81,52 @@ def choose_targets(
         )
     layout = output.layout if len(there) == 2 else there[0]
     return tuple(eyes[eye] for eye in there), layout
+
+
+def check_scene_kept(source: FrameSource, plan: OutputPlan, frames: range) -> None:
+    """See to it that no file of the scene is written over.
+
+    Raises
+    ------
+    OutputError
+        If a video, a picture or the report has the place of a file that is read.
+    """
+    for path in _files(plan, frames):
+        if path.is_file() and source.reads(path):
+            raise OutputError(f"{path}: would overwrite the scene")
+
+
+def _files(plan: OutputPlan, frames: range) -> Iterator[Path]:
+    """Yield every file that is there in the end, without debug pictures."""
+    options = plan.options
+    if options.report is not None:
+        yield options.report
+    if options.output is not None:
+        yield from video_paths(options.output, StereoLayout(options.layout), plan.targets).values()
+    if options.frames_dir is not None:
+        for name in plan.picture_names.values():
+            yield from (png_path(options.frames_dir, name, number) for number in frames)
+
+
+def _check_psf(settings: Settings, hr_shape: tuple[int, int]) -> None:
+    """Refuse a PSF that was asked for and reaches across the whole picture.
+
+    A side of one LR pixel does not count: every PSF is wider.
+    """
+    sigma, support = settings.psf_sigma, settings.psf_support
+    if support is None and sigma is not None:
+        support = GaussianPsf.of(sigma).support
+    sides = [
+        side
+        for side, one in zip(hr_shape, settings.grid.hr_shape((1, 1)), strict=True)
+        if side > one
+    ]
+    if support is not None and any(support // 2 >= side for side in sides):
+        height, width = hr_shape
+        raise ConfigurationError(
+            f"{'--psf-sigma' if settings.psf_support is None else '--psf-support'}: a PSF of "
+            f"{support} HR pixels is too wide for an image of {width}×{height}"
+        )
 
 
 def check_outputs(job: Job) -> None:

@@ -106,6 +106,15 @@ def depth_origin(frame: MultiViewFrame) -> dict[str, str]:
     }
 
 
+def unknown_depth(info: SceneInfo, origins: Mapping[str, str]) -> tuple[str, ...]:
+    """Return what to say of views whose depth maps hold nothing, by :func:`depth_origin`."""
+    return tuple(
+        f"view {view_id}: all of its depth is unknown; it is estimated from the neighbours"
+        for view_id, is_given in zip(info.view_ids, info.has_depth, strict=True)
+        if is_given and origins.get(view_id) == "estimated"
+    )
+
+
 def sum_timings(timings: Iterable[Mapping[str, float]]) -> dict[str, float]:
     """Return the seconds of each stage, added up."""
     total: dict[str, float] = {}

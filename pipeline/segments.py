@@ -31,7 +31,7 @@ from pipeline.media.media_sink import MediaSink
 from pipeline.media.source import FrameSource, open_scene
 from pipeline.realtime import Controller, paced
 from pipeline.reconstruction.psf import GaussianPsf
-from pipeline.report import depth_origin, to_plain
+from pipeline.report import depth_origin, to_plain, unknown_depth
 from pipeline.results import FrameResult
 from pipeline.sink import OutputPlan, Sink
 from pipeline.stop import StopFlag
@@ -190,7 +190,15 @@ class LocalEngine:
             for _ in range(len(segment)):
                 item = next(done)
                 account = to_plain(item.result.report)
-                account |= {"timings": to_plain(item.timings), "depth": to_plain(item.depth)}
+                warnings = (
+                    *item.result.report.warnings,
+                    *unknown_depth(self._source.info, item.depth),
+                )
+                account |= {
+                    "timings": to_plain(item.timings),
+                    "depth": to_plain(item.depth),
+                    "warnings": to_plain(warnings),
+                }
                 if debug_dir is not None:
                     begin = clock()
                     write_debug_pictures(debug_dir, item.result, work.job.settings.grid)
@@ -198,7 +206,7 @@ class LocalEngine:
                 if item.realtime is not None:
                     account["realtime"] = to_plain(item.realtime)
                 accounts.append(account)
-                for text in item.result.report.warnings:
+                for text in warnings:
                     on_event(Warned(text=text))
                 on_event(FrameComputed(frame_index=item.result.frame_index))
                 yield item.result

@@ -1122,13 +1122,22 @@ def _chroma(
 
 
 def _unused(settings: Settings, method: RegistrationMethod) -> tuple[str, ...]:
-    """Return what was asked for and has no effect on the registration method chosen."""
-    if method.layout is Layout.STRIPS or (settings.layers is None and settings.subregions is None):
-        return ()
-    return (
+    """Return what was asked for and has no effect beside the other settings."""
+    is_cut = settings.layers is not None or settings.subregions is not None
+    is_fused = settings.solver == Solver.FUSED
+    said = {
         f"--layers and --subregions have no effect on --registration {settings.registration}, "
-        "which cuts windows; they shape the methods a to l",
-    )
+        "which cuts windows; they shape the methods a to l":
+            is_cut and method.layout is not Layout.STRIPS,
+        "--sweeps has no effect on --solver fused": is_fused and settings.sweeps != Settings.sweeps,
+        f"--residual-bound has no effect on --solver {settings.solver}":
+            settings.residual_bound is not None and settings.solver != Solver.POCS,
+        "--psf-per-layer has no effect without --psf auto":
+            settings.psf_per_layer and settings.psf != "auto",
+        "--rate has no effect without --realtime":
+            settings.rate is not None and not settings.realtime,
+    }  # fmt: skip
+    return tuple(text for text, is_so in said.items() if is_so)
 
 
 def _warnings(frame: MultiViewFrame, sources: Sequence[str]) -> tuple[str, ...]:

@@ -113,5 +113,5 @@ def _help(item: dataclasses.Field) -> str:
         shown = (
             ",".join(map(str, item.default)) if isinstance(item.default, tuple) else item.default
         )
-        text += f" (default: {shown or 'none'})"
+        text += f" (default: {'none' if shown == '' else shown})"
     return text.replace("%", "%%")

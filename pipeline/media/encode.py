@@ -47,6 +47,16 @@ ENCODER_THREADS = 4
 MIN_SLICED_SIZE = 32
 """Height and width from which FFV1 pictures are cut into slices, samples."""
 
+LEAST_AV1_SIZE = 4
+"""Height and width from which SVT-AV1 takes pictures, samples."""
+
+LEAST_LONG_AV1_SIZE = 32
+"""The same where the other side is longer than a superblock: below 28, SVT-AV1 4.1 waits for
+ever, deaf to signals."""
+
+AV1_SUPERBLOCK = 64
+"""Samples along a side."""
+
 REORDER_DELAY = {VideoCodec.H264: 1}
 """Frames by which decoding runs ahead of showing: B-frames that nothing refers to."""
 
@@ -130,6 +140,36 @@ def write_segment(
         for eyes in frames:
             encoder.add(eyes)
         return encoder.finish()
+
+
+def check_size(path: Path, video_format: VideoFormat, hr_shape: tuple[int, int], eyes: int) -> None:
+    """See to it that the encoder takes pictures made of that many eyes, before any is computed.
+
+    Parameters
+    ----------
+    path : Path
+        What the pictures are for, for the message.
+    video_format : VideoFormat
+    hr_shape : tuple of int
+        (height, width) of one eye.
+    eyes : int
+        1 or 2.
+
+    Raises
+    ------
+    OutputError
+        If it does not.
+    """
+    if video_format.codec is not VideoCodec.AV1:
+        return
+    eye = np.zeros(hr_shape, np.uint8)
+    height, width = _picture((eye, eye) if eyes == 2 else (eye,), video_format).shape
+    least = LEAST_LONG_AV1_SIZE if max(height, width) > AV1_SUPERBLOCK else LEAST_AV1_SIZE
+    if min(height, width) < least:
+        raise OutputError(
+            f"{path}: cannot be written: av1 takes no pictures of {width}×{height}; "
+            f"choose another codec"
+        )
 
 
 def segment_info(path: Path) -> SegmentInfo:
@@ -233,6 +273,7 @@ class _SegmentEncoder:
         picture = np.ascontiguousarray(_picture(eyes, self._format))
         like = (picture.shape, picture.dtype)
         if self._like is None:
+            check_size(self._path, self._format, eyes[0].shape[:2], len(eyes))
             self._like = like
             with self._errors():
                 self._open(picture)

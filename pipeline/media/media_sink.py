@@ -9,10 +9,10 @@ from pathlib import Path
 from pipeline.colour import to_grey, to_rgb
 from pipeline.fan_out import fan_out
 from pipeline.job import Segment
-from pipeline.media.encode import Eyes, join_segments, write_segment
+from pipeline.media.encode import Eyes, check_size, join_segments, write_segment
 from pipeline.media.files import check_writable, remove_leftovers
 from pipeline.media.png import png_path, write_png
-from pipeline.media.video_format import VideoCodec, VideoFormat, view_path
+from pipeline.media.video_format import VideoCodec, VideoFormat, video_paths
 from pipeline.results import FrameResult, SuperResolvedImage
 from pipeline.sink import OutputPlan
 from pipeline.stereo import Picture, StereoLayout
@@ -52,6 +52,8 @@ class MediaSink:
                 crf=options.quality,
                 is_quick=plan.is_realtime,
             )
+            eyes = 1 if self._layout is StereoLayout.VIEWS else len(plan.targets)
+            check_size(options.output, self._format, plan.hr_shape, eyes)
         if options.frames_dir is not None:
             for name in plan.picture_names.values():
                 png_path(options.frames_dir, name, 0)  # can it be a file name?
@@ -112,19 +114,11 @@ class MediaSink:
     def _outputs(self) -> dict[str, Path]:
         """Return the final video files by view id; one file of all views has the id ''."""
         output = self.plan.options.output
-        if output is None:
-            return {}
-        if self._layout is StereoLayout.VIEWS:
-            return {view_id: view_path(output, view_id) for view_id in self.plan.targets}
-        return {"": output}
+        return {} if output is None else video_paths(output, self._layout, self.plan.targets)
 
     def _segment_files(self, stem: Path) -> dict[str, Path]:
         """Return a segment's video files by view id, as :meth:`_outputs`."""
-        if self._layout is StereoLayout.VIEWS:
-            return {
-                view_id: view_path(_with_suffix(stem), view_id) for view_id in self.plan.targets
-            }
-        return {"": _with_suffix(stem)}
+        return video_paths(_with_suffix(stem), self._layout, self.plan.targets)
 
     def _pictures(
         self, results: Iterable[FrameResult], timings: dict[str, float]

@@ -81,8 +81,7 @@ def format_description(description: Mapping[str, Any]) -> str:
         f"{description['fps']} a second",
         f"  depth        {_depth_text(depth)}",
         f"  calibration  {'yes' if description['calibration'] else 'no'}",
-        f"  stereo pair  left {description['stereo']['left']}, "
-        f"right {description['stereo']['right']}",
+        f"  stereo pair  {_pair_text(description)}",
     ]
     if description["input_layout"]:
         lines.insert(
@@ -157,6 +156,14 @@ def _depth_text(depth: Mapping[str, Any]) -> str:
     what = "distance" if depth["metric"] else "nearness"
     unit = " in units of the calibration" if depth["metric"] else ""
     return f"{kind}, {what} {low:.4g} to {high:.4g}{unit}"
+
+
+def _pair_text(description: Mapping[str, Any]) -> str:
+    read = {view["id"] for view in description["views"]}
+    return ", ".join(
+        f"{eye} {view_id}{'' if view_id in read else ' (not among the views)'}"
+        for eye, view_id in description["stereo"].items()
+    )
 
 
 def _view_text(view: Mapping[str, Any]) -> str:

@@ -11,7 +11,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from fractions import Fraction
@@ -224,6 +224,18 @@ class SceneDescription:
             if view.view_id == view_id:
                 return view
         raise KeyError(view_id)
+
+    def files(self, frame_indices: range) -> Iterator[Path]:
+        """Yield every file of these frames, and the manifest, whether it is there or not."""
+        if self.source is not None:
+            yield self.source
+        for view in self.views:
+            for locator in (view.color, view.depth):
+                if isinstance(locator, ImageFiles):
+                    numbers = frame_indices[:1] if locator.is_still else frame_indices
+                    yield from (self.root / locator.path_of(number) for number in numbers)
+                elif locator is not None:
+                    yield self.root / locator.path
 
     def _order_views(self) -> None:
         cameras = [view.calibration for view in self.views if view.calibration is not None]

@@ -6,6 +6,8 @@ import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
 from types import TracebackType
 
 import numpy as np
@@ -227,6 +229,15 @@ class SceneSource:
         ):
             yield self.read(frame_index)
 
+    def reads(self, path: Path) -> bool:
+        """Tell whether a file is one of the scene's, by whatever name or link."""
+        return _identity(path) in self._identities
+
+    @cached_property
+    def _identities(self) -> frozenset[tuple[int, int]]:
+        files = self._description.files(self.info.frame_indices)
+        return frozenset(known for known in map(_identity, files) if known is not None)
+
     def _read_view(self, view: _OpenView, frame_index: int) -> View:
         view_id = view.description.view_id
         try:
@@ -291,6 +302,15 @@ class SceneSource:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return what tells a file from all others, links followed; None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
 
 
 def _path_text(locator: object, frame_index: int) -> str:

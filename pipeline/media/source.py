@@ -41,6 +41,9 @@ class FrameSource(Protocol):
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[MultiViewFrame]:
         """Yield frames ``start`` up to but without ``stop`` (source frame numbers), in order."""
 
+    def reads(self, path: Path) -> bool:
+        """Tell whether a file is one that the frames come from, by whatever name or link."""
+
     def close(self) -> None:
         """Let go of all files; may be called twice."""
 
@@ -100,7 +103,9 @@ class MemorySource:
                         "of another size", path=path, view=view.view_id, frame=frame.frame_index
                     )
         self._frames = tuple(frames)
-        has_depth = tuple(view.depth_map is not None for view in first.views)
+        has_depth = tuple(
+            view.depth_map is not None and not view.depth_is_estimated for view in first.views
+        )
         self.info = SceneInfo(
             path=path,
             layout="memory",
@@ -138,6 +143,10 @@ class MemorySource:
             indices.start if start is None else start, indices.stop if stop is None else stop
         ):
             yield self.read(frame_index)
+
+    def reads(self, path: Path) -> bool:
+        """No file is read."""
+        return False
 
     def close(self) -> None:
         """Nothing is kept open."""

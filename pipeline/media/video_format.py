@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
@@ -170,6 +171,13 @@ def suggested_name(stem: str, layout: StereoLayout, container: Container = Conta
     'clip_3D_SBS_LR.mkv'
     """
     return f"{stem}{_NAME_TOKENS[layout]}.{container}"
+
+
+def video_paths(path: Path, layout: StereoLayout, view_ids: Sequence[str]) -> dict[str, Path]:
+    """Return where a video goes by view id; one file of all views has the id ''."""
+    if layout is StereoLayout.VIEWS:
+        return {view_id: view_path(path, view_id) for view_id in view_ids}
+    return {"": path}
 
 
 def view_path(path: Path, view_id: str) -> Path:

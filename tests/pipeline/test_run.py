@@ -22,6 +22,7 @@ from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
 from pipeline.run import Tools, check_outputs, run_job
 from pipeline.sink import MemorySink
 from pipeline.stop import StopFlag
+from pipeline.workfolder import work_folder_of
 
 FIRST_FRAME = 5
 
@@ -92,7 +93,12 @@ def _tools(frames, *, sinks: list | None = None, pixel_aspect=Fraction(1), **oth
     def open_scene(path, *, views=None, **_):
         source = MemorySource(frames, path=str(path), pixel_aspect=pixel_aspect)
         if views is not None:
-            source.info = dataclasses.replace(source.info, view_ids=tuple(views))
+            known = dict(zip(source.info.view_ids, source.info.has_depth, strict=True))
+            source.info = dataclasses.replace(
+                source.info,
+                view_ids=tuple(views),
+                has_depth=tuple(known[view_id] for view_id in views),
+            )
         return source
 
     def make_sink(plan):
@@ -377,6 +383,55 @@ def test_outputs_are_checked_before_the_scene_is_opened(tmp_path):
     for said, options in cases.items():
         with pytest.raises(OutputError, match=said):
             run_job(_job(tmp_path, **options), tools=_tools([], open_scene=never))
+
+
+@pytest.mark.parametrize(
+    ("settings", "width"),
+    [(Settings(psf_support=25), 25), (Settings(psf_sigma=4.0), 25)],
+)
+def test_a_psf_that_reaches_across_the_picture_is_refused(tmp_path, settings, width):
+    tools = _tools(_frames(1, height=6, width=9))
+    with pytest.raises(
+        ConfigurationError, match=f"PSF of {width} .* too wide for an image of 18×12"
+    ):
+        run_job(_job(tmp_path, settings=settings), tools=tools)
+
+
+def test_a_picture_of_one_line_takes_any_psf_along_it(tmp_path):
+    job = _job(tmp_path, settings=Settings(psf_sigma=1.7, psf_support=7))
+    assert run_job(job, tools=_tools(_frames(1, height=1, width=9))).frames == 1
+
+
+@pytest.mark.parametrize("place", ["report", "output", "frames_dir"])
+def test_no_file_of_the_scene_is_written_over(tmp_path, place):
+    names = {"report": "in.json", "output": "in.mkv", "frames_dir": "right-000006.png"}
+    taken = tmp_path / names[place]
+    taken.write_bytes(b"input")
+
+    class OfFiles(MemorySource):
+        def reads(self, path):
+            return path.samefile(taken)
+
+    options = {place: tmp_path if place == "frames_dir" else taken}
+    tools = _tools([], open_scene=lambda *_, **__: OfFiles(_frames(2)))
+    with pytest.raises(OutputError, match=f"{taken.name}: would overwrite the scene"):
+        run_job(_job(tmp_path, **options), tools=tools)
+    assert taken.read_bytes() == b"input"
+    assert not work_folder_of(tmp_path / "out.mkv").exists()
+
+
+def test_depth_maps_that_hold_nothing_are_warned_of_once(tmp_path):
+    class Unknown(MemorySource):
+        def __init__(self, frames):
+            super().__init__(frames)
+            self.info = dataclasses.replace(self.info, has_depth=(False, True, True))
+
+    events = []
+    tools = _tools([], open_scene=lambda *_, **__: Unknown(_frames(3)))
+    summary = run_job(_job(tmp_path), on_event=events.append, tools=tools)
+    said = "view cam1: all of its depth is unknown; it is estimated from the neighbours"
+    assert [event.text for event in events if isinstance(event, Warned)].count(said) == 1
+    assert said in summary.report["warnings"]
 
 
 def test_two_runs_of_one_output_do_not_mix(tmp_path):

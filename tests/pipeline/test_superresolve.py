@@ -383,6 +383,22 @@ def test_layers_that_a_method_does_not_cut_are_warned_of(frame, preset, heeded):
     assert len(said) == (0 if heeded else 1)
 
 
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (Settings(sweeps=4), "--sweeps has no effect on --solver fused"),
+        (Settings(residual_bound=2.0), "--residual-bound has no effect on --solver fused"),
+        (Settings(psf_per_layer=True), "--psf-per-layer has no effect without --psf auto"),
+        (Settings(rate=25.0), "--rate has no effect without --realtime"),
+        (Settings(solver="pocs", sweeps=4, residual_bound=2.0), None),
+        (Settings(temporal="warm", realtime=True, rate=25.0), None),
+    ],
+)
+def test_settings_without_effect_are_said(frame, settings, said):
+    result = superresolve(_grey(frame), settings, targets=("cam1",), observed_views=("cam1",))
+    assert result.report.warnings == (() if said is None else (said,))
+
+
 @pytest.mark.parametrize("preset", REGISTRATION_PRESETS)
 def test_every_registration_preset_gives_a_picture(scene, preset):
     frame = scene.frame(0, psf_sigma=1.0, noise_sigma=1.0, depth="stereo", calibration=True)

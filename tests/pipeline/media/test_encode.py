@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import ConfigurationError, Interrupted, OutputError
-from pipeline.media.encode import join_segments, segment_info, write_segment
+from pipeline.media.encode import check_size, join_segments, segment_info, write_segment
 from pipeline.media.video_format import (
     Container,
     VideoCodec,
@@ -357,16 +357,21 @@ def test_tiny_pictures_can_be_written(tmp_path, shape, codec):
     assert np.abs(found[0].astype(int) - 130).max() <= 3
 
 
-def test_a_size_the_encoder_does_not_take_is_named(tmp_path):
-    eye = np.zeros((2, 2, 3), np.uint8)
-    with pytest.raises(OutputError, match=r"does not take such pictures \(av1, 2×2 RGB uint8\)"):
-        write_segment(
-            tmp_path / "s.mkv",
-            video_format(codec=VideoCodec.AV1, layout=StereoLayout.LEFT),
-            [(eye,)],
-            first_frame=0,
-        )
+@pytest.mark.parametrize("shape", [(2, 2), (80, 4), (24, 200), (66, 16)])
+def test_sizes_that_av1_waits_for_ever_on_are_refused_before_the_work(tmp_path, shape):
+    av1 = video_format(codec=VideoCodec.AV1, layout=StereoLayout.LEFT)
+    with pytest.raises(OutputError, match=f"av1 takes no pictures of {shape[1]}×{shape[0]}"):
+        check_size(tmp_path / "out.mkv", av1, shape, 1)
+    with pytest.raises(OutputError, match="choose another codec"):
+        write_segment(tmp_path / "s.mkv", av1, [(np.zeros((*shape, 3), np.uint8),)], first_frame=0)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("shape", [(4, 4), (16, 64), (32, 200)])
+def test_smallest_pictures_that_av1_takes(tmp_path, shape):
+    av1 = video_format(codec=VideoCodec.AV1, layout=StereoLayout.LEFT)
+    out, _ = write_and_join(tmp_path, "v", av1, [[(np.full((*shape, 3), 90, np.uint8),)]])
+    assert len(decoded(out, "rgb24")) == 1
 
 
 # Segments

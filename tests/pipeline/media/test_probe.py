@@ -75,3 +75,8 @@ def test_a_real_metric_scene_is_described_in_distances(scenes_dir):
     assert 0 < low < high < 1000
     assert description["calibration"]
     assert "in units of the calibration" in format_description(description)
+
+
+def test_an_eye_that_is_not_read_is_said(write_scene):
+    with open_scene(write_scene(), views=["v0"]) as source:
+        assert "left v0, right v1 (not among the views)" in format_description(describe(source))

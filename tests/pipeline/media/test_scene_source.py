@@ -301,6 +301,23 @@ def test_a_view_whose_depth_is_all_unknown_is_estimated(write_scene, make_textur
     assert np.nanmedian(frame.view("v1").depth_map) == pytest.approx(8.0, abs=0.3)
 
 
+def test_a_source_knows_its_own_files_by_every_name(write_scene, tmp_path):
+    folder = write_scene(frames=2)
+    (tmp_path / "link.png").symlink_to(folder / "v1/depth-001.png")
+    (folder / "other.png").write_bytes(b"not of the scene")
+    with open_scene(folder, views=["v0"]) as source:
+        for name in (
+            "scene.json",
+            "v0/color-000.png",
+            "v1/color-001.png",
+            "v0/../v1/depth-000.png",
+        ):
+            assert source.reads(folder / name)
+        assert source.reads(tmp_path / "link.png")
+        assert not source.reads(folder / "other.png")
+        assert not source.reads(folder / "v0/color-002.png")
+
+
 def test_calibration_makes_depth_metric_unless_it_is_disparity(write_scene):
     def calibrate(scene):
         for place, view in enumerate(scene["views"]):
