@@ -243,6 +243,11 @@ class Controller:
         return 1.0 / self.rate
 
     @property
+    def rung(self) -> Rung:
+        """That of the next frame."""
+        return self._rungs[self.level]
+
+    @property
     def rungs(self) -> Sequence[Rung]:
         """The ladder, full quality first."""
         return self._rungs
@@ -269,7 +274,7 @@ class Controller:
         if drop:
             self.dropped += 1
             self._has_dropped = True
-        return Choice(drop=drop, level=self.level, rung=self._rungs[self.level], late=late)
+        return Choice(drop=drop, level=self.level, rung=self.rung, late=late)
 
     def end(self, choice: Choice, seconds: float) -> None:
         """Learn what a frame cost that was not dropped.

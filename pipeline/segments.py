@@ -156,10 +156,12 @@ class LocalEngine:
             def stage(items: Iterable[Item], name: str) -> Iterator[Item]:
                 return stages.enter_context(closing(Ahead(items, name=f"depthsr-{name}")))
 
-            frames = stage(line.read(self._source, segments), "read")
             if work.job.settings.realtime:
-                done = stage(hold_rate(line, frames, self._source.info), "hold-rate")
+                controller = line.controller(self._source.info)
+                frames = stage(line.read_for(self._source, segments, controller), "read")
+                done = stage(hold_rate(line, frames, controller), "hold-rate")
             else:
+                frames = stage(line.read(self._source, segments), "read")
                 registered = line.register(frames)
                 if thread_count() > 1:
                     registered = stage(registered, "register")
@@ -285,8 +287,34 @@ class _Line:
     clock: Callable[[], float]
     stop: StopFlag
 
+    def controller(self, info: SceneInfo) -> Controller:
+        """Return what is to hold the rate."""
+        return Controller(
+            rate=self.work.job.settings.rate or float(info.fps),
+            num_views=len(info.view_ids),
+            num_eyes=len(self.work.plan.targets),
+        )
+
+    def read_for(
+        self, source: FrameSource, segments: Sequence[Segment], controller: Controller
+    ) -> Iterator[_ReadFrame]:
+        """Yield the frames of the segments; where no other views are looked at, the eyes only."""
+        window = self.work.job.settings.temporal_window
+
+        def frames(wanted: range) -> Iterator[MultiViewFrame]:
+            for number in wanted:
+                is_alone = controller.rung.effort.alone and not window
+                yield source.read(number, only=self.work.plan.targets if is_alone else None)
+
+        return self._read(frames, segments)
+
     def read(self, source: FrameSource, segments: Sequence[Segment]) -> Iterator[_ReadFrame]:
         """Yield the frames of the segments, each segment's warm-up before it."""
+        return self._read(lambda wanted: source.frames(wanted.start, wanted.stop), segments)
+
+    def _read(
+        self, frames_of: Callable[[range], Iterator[MultiViewFrame]], segments: Sequence[Segment]
+    ) -> Iterator[_ReadFrame]:
         settings, frames = self.work.job.settings, self.work.frames
         window = settings.temporal_window
         for segment in segments:
@@ -295,7 +323,7 @@ class _Line:
             wanted = range(
                 max(first - window, frames.start), min(segment.stop + window, frames.stop)
             )
-            for frame, neighbours in in_windows(self._whole(source, wanted), window):
+            for frame, neighbours in in_windows(self._whole(frames_of, wanted), window):
                 if not first <= frame.frame_index < segment.stop:
                     continue
                 yield _ReadFrame(
@@ -306,10 +334,12 @@ class _Line:
                 )  # fmt: skip
                 begin = self.clock()
 
-    def _whole(self, source: FrameSource, wanted: range) -> Iterator[MultiViewFrame]:
+    def _whole(
+        self, frames_of: Callable[[range], Iterator[MultiViewFrame]], wanted: range
+    ) -> Iterator[MultiViewFrame]:
         """Yield the frames wanted; raise SceneError where one is missing."""
         expected = wanted.start
-        for frame in source.frames(wanted.start, wanted.stop):
+        for frame in frames_of(wanted):
             self.stop.check()
             if frame.frame_index != expected:
                 break
@@ -349,36 +379,37 @@ class _Line:
             )
 
 
-def hold_rate(line: _Line, frames: Iterable[_ReadFrame], info: SceneInfo) -> Iterator[_DoneFrame]:
+def hold_rate(
+    line: _Line, frames: Iterable[_ReadFrame], controller: Controller
+) -> Iterator[_DoneFrame]:
     """Yield frames as a live stream would have them: see :mod:`pipeline.realtime`.
 
-    One chain goes through all segments. A frame that is dropped shows the last picture again.
+    One chain goes through all segments. A frame that is dropped shows the last picture again; one
+    of which the eyes alone were read, since it was read ahead, is made of them.
     """
     targets = line.work.plan.targets
-    controller = Controller(
-        rate=line.work.job.settings.rate or float(info.fps),
-        num_views=len(info.view_ids),
-        num_eyes=len(targets),
-    )
     last: FrameResult | None = None
     for item, choice in paced(frames, controller, line.clock):
         begin = line.clock()
         frame = item.frame
         is_shown_again = choice.drop and last is not None
+        rung = choice.rung
         if choice.drop and last is not None:
             report = replace(last.report, frame_index=frame.frame_index, timings={})
             last = replace(last, frame_index=frame.frame_index, report=report, debug={})
         else:
-            last = line.worker.take(frame, effort=choice.rung.effort, neighbours=item.neighbours)
+            if len(frame.views) < controller.num_views:
+                rung = controller.rungs[-1]
+            last = line.worker.take(frame, effort=rung.effort, neighbours=item.neighbours)
         yield _DoneFrame(
             result=last,
             timings={
                 "decode": item.seconds, **last.report.timings, "frame": line.clock() - begin,
             },
-            depth=depth_origin(frame),
+            depth={} if rung.effort.alone else depth_origin(frame),
             realtime=RealtimeRecord(
                 dropped=choice.drop,
-                rung=str(choice.rung),
+                rung=str(rung),
                 repeated=targets if is_shown_again else (),
                 late=max(0.0, choice.late),
             ),

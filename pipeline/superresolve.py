@@ -410,7 +410,9 @@ def restore_frame(
     with stoppable(stop):
         if not memory.is_of_size(frame):
             memory.forget()
-        noise = memory.noise(frame, settings, targets)
+        noise = memory.known_noise(targets)
+        if noise is None:
+            noise = memory.noise(frame, settings, targets)
         frame = memory.averaged(frame, noise)
         learned = chosen_filters(settings, psf, noise)
         clock.done("preparation")
@@ -480,6 +482,11 @@ class Memory:
         found = map_threads(estimate_noise, [frame.view(name).luma for name in due])
         self._noise = {**self._noise, **dict(zip(due, found, strict=True))}
         return float(np.median([self._noise[name] for name in view_ids]))
+
+    def known_noise(self, view_ids: Sequence[str]) -> float | None:
+        """Return the noise that frames before have shown, grey levels; None: none has."""
+        found = [self._noise[name] for name in view_ids if name in self._noise]
+        return float(np.median(found)) if len(found) == len(view_ids) else None
 
     def has_moved(self, frame: MultiViewFrame, targets: Sequence[str]) -> bool:
         """Return whether a frame shows the targets as the one before, from another place."""

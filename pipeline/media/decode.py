@@ -296,6 +296,12 @@ class VideoReader:
         with self._lock:
             return _samples(self._frame(index), self.path)
 
+    def pass_over(self, index: int) -> None:
+        """Decode frame ``index`` unless each frame is a key frame, and convert nothing."""
+        with self._lock:
+            if len(self._keys) < self.num_frames and index >= self._next:
+                self._frame(index)
+
     def stored(self, index: int) -> npt.NDArray:
         """Return frame ``index`` of an RGB or grey video as it is stored, nothing computed.
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import operator
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -267,9 +268,15 @@ class _SegmentEncoder:
         self._stream: Any = None
         self._pixels: _Pixels | None = None
         self._like: tuple[tuple[int, ...], np.dtype] | None = None
+        self._eyes: tuple[Picture, ...] = ()
+        self._frame: Any = None
         self._num_frames = 0
 
     def add(self, eyes: Eyes) -> None:
+        if len(self._eyes) == len(eyes) and all(map(operator.is_, self._eyes, eyes)):
+            self._encode()  # the same picture again
+            return
+        self._eyes = eyes
         picture = np.ascontiguousarray(_picture(eyes, self._format))
         like = (picture.shape, picture.dtype)
         if self._like is None:
@@ -284,10 +291,15 @@ class _SegmentEncoder:
             )
         assert self._pixels is not None
         with self._errors():
-            frame = self._pixels.frame(picture)
-            frame.pts = self._num_frames
-            frame.time_base = 1 / self._format.fps
-            self._container.mux(self._stream.encode(frame))
+            self._frame = self._pixels.frame(picture)
+        self._encode()
+
+    def _encode(self) -> None:
+        """Encode the frame of now."""
+        with self._errors():
+            self._frame.pts = self._num_frames
+            self._frame.time_base = 1 / self._format.fps
+            self._container.mux(self._stream.encode(self._frame))
         self._num_frames += 1
 
     def finish(self) -> int:

@@ -125,11 +125,18 @@ class MediaSink:
     ) -> Iterator[Pictures]:
         """Yield the frames as integers, writing PNG on the way and keeping the time."""
         folder = self.plan.options.frames_dir
+        shown: Mapping[str, SuperResolvedImage] = {}
+        pictures: Pictures = {}
         for result in results:
             begin = self._clock()
+            # an image that is shown again is the same object
             pictures = {
-                view_id: self._picture(result.images[view_id]) for view_id in self.plan.targets
+                view_id: pictures[view_id]
+                if shown.get(view_id) is result.images[view_id]
+                else self._picture(result.images[view_id])
+                for view_id in self.plan.targets
             }
+            shown = result.images
             packed = self._clock()
             if folder is not None:
                 for view_id, name in self.plan.picture_names.items():

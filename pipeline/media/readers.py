@@ -61,6 +61,9 @@ class PictureReader(Protocol):
     def samples(self, frame_index: int) -> npt.NDArray:
         """Return the stored values of that source frame number, (H, W)."""
 
+    def pass_over(self, frame_index: int) -> None:
+        """Let a frame go by that nobody looks at, so that the next one is soon there."""
+
     def missing(self, frame_index: int) -> SceneError:
         """Return what to say of a frame that is not there."""
 
@@ -179,6 +182,9 @@ class ImageFilesReader:
             )
         return stored
 
+    def pass_over(self, frame_index: int) -> None:
+        """Other files do not need this one."""
+
     def missing(self, frame_index: int) -> SceneError:
         """Return what to say of a frame whose file is not there."""
         path = self._path(frame_index)
@@ -198,6 +204,9 @@ class _StreamReader:
     def __init__(self, path: Path, first_frame: int, num_frames: int) -> None:
         self._path, self._first = path, first_frame
         self.num_frames = num_frames
+
+    def pass_over(self, frame_index: int) -> None:
+        """Other frames do not need this one."""
 
     def missing(self, frame_index: int) -> SceneError:
         """Return what to say of a frame after the file's end."""
@@ -233,6 +242,10 @@ class VideoFileReader(_StreamReader):
         """Return the stored values of that frame."""
         return self._video.samples(frame_index - self._first)
 
+    def pass_over(self, frame_index: int) -> None:
+        """Decode the frame, if those after it need it."""
+        self._video.pass_over(frame_index - self._first)
+
 
 class PackedEyeReader(VideoFileReader):
     """One half of the pictures of a video file."""
@@ -256,6 +269,9 @@ class PackedEyeReader(VideoFileReader):
         row = video.height - height if eye.second and not eye.layout.is_horizontal else 0
         column = video.width - width if eye.second and eye.layout.is_horizontal else 0
         self._window = (slice(row, row + height), slice(column, column + width))
+
+    def pass_over(self, frame_index: int) -> None:
+        """The other half decodes it."""
 
     def picture(self, frame_index: int) -> Picture:
         """Return the half of that frame, as new arrays."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -199,7 +199,7 @@ class SceneSource:
         notes.append(f"fps is not said; {UNTOLD_FPS} frames a second are assumed")
         return UNTOLD_FPS
 
-    def read(self, frame_index: int) -> MultiViewFrame:
+    def read(self, frame_index: int, *, only: Collection[str] | None = None) -> MultiViewFrame:
         """Return all views at one instant; see :class:`pipeline.media.source.FrameSource`."""
         info = self.info
         if frame_index not in info.frame_indices:
@@ -210,8 +210,12 @@ class SceneSource:
                 frame=frame_index,
             )
         with self._lock:
-            views = [self._read_view(view, frame_index) for view in self._views]
-        views = estimate_missing_depth(views, depth_is_metric=info.depth_is_metric)
+            if only is None:
+                views = [self._read_view(view, frame_index) for view in self._views]
+            else:
+                views = self._read_some(frame_index, only)
+        if only is None:
+            views = estimate_missing_depth(views, depth_is_metric=info.depth_is_metric)
         return MultiViewFrame(
             frame_index=frame_index,
             views=tuple(views),
@@ -237,6 +241,18 @@ class SceneSource:
     def _identities(self) -> frozenset[tuple[int, int]]:
         files = self._description.files(self.info.frame_indices)
         return frozenset(known for known in map(_identity, files) if known is not None)
+
+    def _read_some(self, frame_index: int, only: Collection[str]) -> list[View]:
+        """Return these views without depth; all that is not read goes by."""
+        views = []
+        for view in self._views:
+            if view.description.view_id in only:
+                views.append(self._read_view(replace(view, depth=None), frame_index))
+            else:
+                view.color.pass_over(frame_index)
+            if view.depth is not None:
+                view.depth.pass_over(frame_index)
+        return views
 
     def _read_view(self, view: _OpenView, frame_index: int) -> View:
         view_id = view.description.view_id

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -24,13 +25,15 @@ class FrameSource(Protocol):
 
     info: SceneInfo
 
-    def read(self, frame_index: int) -> MultiViewFrame:
+    def read(self, frame_index: int, *, only: Collection[str] | None = None) -> MultiViewFrame:
         """Return all views at one instant.
 
         Parameters
         ----------
         frame_index : int
             Source frame number, one of ``info.frame_indices``.
+        only : collection of view ids, optional
+            Views whose pictures are wanted, without depth, and no others.
 
         Raises
         ------
@@ -125,7 +128,7 @@ class MemorySource:
             pixel_aspect=pixel_aspect,
         )
 
-    def read(self, frame_index: int) -> MultiViewFrame:
+    def read(self, frame_index: int, *, only: Collection[str] | None = None) -> MultiViewFrame:
         """Return all views at one instant; see :class:`FrameSource`."""
         indices = self.info.frame_indices
         if frame_index not in indices:
@@ -134,7 +137,11 @@ class MemorySource:
                 path=self.info.path,
                 frame=frame_index,
             )
-        return self._frames[frame_index - indices.start]
+        frame = self._frames[frame_index - indices.start]
+        if only is None:
+            return frame
+        views = (view for view in frame.views if view.view_id in only)
+        return replace(frame, views=tuple(replace(view, depth_map=None) for view in views))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[MultiViewFrame]:
         """Yield frames ``start`` up to but without ``stop`` (source frame numbers), in order."""

@@ -31,7 +31,7 @@ from pipeline.reconstruction.learned import REACH, LearnedFilters
 from pipeline.reconstruction.parts import Box, covering_boxes, on_hr_grid, widened, within
 from pipeline.reconstruction.psf import Psf, SeparableTaps, psf_taps, sampling_taps
 from pipeline.reconstruction.realign import realigned
-from pipeline.reconstruction.restoration import restoration_of
+from pipeline.reconstruction.restoration import bicubic_filter, restoration_of
 from pipeline.reconstruction.system import (
     DATA_SHARE,
     HrImage,
@@ -142,17 +142,12 @@ class FusedResult:
 
 def initial_estimate(reference: GreyImage, grid: Grid) -> HrImage:
     """Return the reference view enlarged by bicubic interpolation at the grid's phase."""
-    height, width = grid.hr_shape(reference.shape)
-    matrix = np.array(
-        [
-            [1 / grid.magnification_x, 0, -grid.offset_x / grid.magnification_x],
-            [0, 1 / grid.magnification_y, -grid.offset_y / grid.magnification_y],
-        ]
-    )
-    return cv2.warpAffine(
-        reference, matrix, (width, height),
-        flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
-    )  # fmt: skip
+    enlarge = bicubic_filter(grid)
+    side = enlarge.reach
+    wide = cv2.copyMakeBorder(reference, side, side, side, side, cv2.BORDER_REPLICATE)
+    height, width = reference.shape
+    inside = on_hr_grid((slice(side, side + height), slice(side, side + width)), grid)
+    return np.ascontiguousarray(enlarge.apply(wide, grid)[inside])
 
 
 def estimate_alone(

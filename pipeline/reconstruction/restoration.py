@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pipeline.baselines import bicubic_taps
 from pipeline.frames import GreyImage
 from pipeline.grid import Grid
 from pipeline.reconstruction import kernels
@@ -33,6 +34,9 @@ SMOOTHNESS = 0.6
 
 SMALLEST_RATIO = 0.003
 """Smallest ρ: what a wide PSF has removed wholly must not be asked back."""
+
+RATIO_STEPS = 16
+"""Values of ρ from one to twice as much: between them lies no difference that shows."""
 
 FLATTEST = 0.1
 """Smallest variance of differences that is told from none, grey levels squared."""
@@ -72,9 +76,19 @@ def restoration_of(reference: GreyImage, grid: Grid, psf: Psf, noise: float) -> 
     """Return the filter for a view; parameters are those of :func:`restored`."""
     psf_x, psf_y = psf_axes(psf, grid)
     ratio_x, ratio_y = (_ratio(reference, axis, noise, grid) for axis in (1, 0))
+    ratio_x, ratio_y = (_on_steps(ratio) for ratio in (ratio_x, ratio_y))
     return Restoration(
         along_x=_taps(psf_x, grid.magnification_x, grid.offset_x, ratio_x),
         along_y=_taps(psf_y, grid.magnification_y, grid.offset_y, ratio_y),
+    )
+
+
+@functools.lru_cache(maxsize=8)
+def bicubic_filter(grid: Grid) -> Restoration:
+    """Return the filter that only enlarges, by bicubic interpolation."""
+    return Restoration(
+        along_x=bicubic_taps(grid.magnification_x, grid.offset_x),
+        along_y=bicubic_taps(grid.magnification_y, grid.offset_y),
     )
 
 
@@ -99,6 +113,12 @@ def _ratio(reference: GreyImage, axis: int, noise: float, grid: Grid) -> float:
     ratio = SMOOTHNESS * noise**2 * magnification / max(variance, FLATTEST)
     # so few digits that pictures much alike share their taps
     return max(float(f"{ratio:.2g}"), SMALLEST_RATIO)
+
+
+@functools.lru_cache(maxsize=64)
+def _on_steps(ratio: float) -> float:
+    """Return ρ to within 2 per cent: one of those whose taps are kept."""
+    return float(2 ** (round(RATIO_STEPS * np.log2(ratio)) / RATIO_STEPS))
 
 
 @functools.lru_cache(maxsize=64)

@@ -546,3 +546,30 @@ def test_a_rate_that_is_low_enough_changes_nothing(tmp_path):
 def test_holding_a_rate_needs_warm_frames():
     with pytest.raises(ConfigurationError, match="--temporal: must be warm with --realtime"):
         Settings(realtime=True)
+
+
+def test_where_each_eye_is_made_alone_no_other_view_is_read(tmp_path):
+    read = []
+
+    class Watched(MemorySource):
+        def read(self, frame_index, *, only=None):
+            read.append(only)
+            return super().read(frame_index, only=only)
+
+    class Slow(worker(enlarge)):
+        def take(self, frame, *, effort, neighbours):
+            assert effort.alone or len(frame.views) == 3
+            time.sleep(0.0 if effort.alone else 0.1)
+            return enlarge(frame, self.settings, targets=("cam0", "cam1"))
+
+    settings = Settings(temporal="warm", realtime=True, rate=50.0)
+    summary = run_job(
+        _job(tmp_path, settings=settings),
+        tools=_tools(
+            _frames(30), open_scene=lambda path, **_: Watched(_frames(30)), make_worker=Slow
+        ),
+    )
+    assert read[0] is None
+    assert {"cam0", "cam1"} in [set(only) for only in read if only is not None]
+    assert sum(only is not None for only in read) > 20
+    assert summary.report["realtime"]["frames_by_rung"]["each eye alone"] > 20

@@ -269,3 +269,23 @@ def test_a_truncated_mp4_in_a_scene_names_view_and_file(tmp_path):
     views = [{"id": name, "color": f"{name}.mp4"} for name in "ab"]
     with pytest.raises(SceneError, match=r"view 'b', frame 0: .*b\.mp4: .*cut short"):
         open_scene(video_scene(tmp_path, views=views))
+
+
+@pytest.mark.parametrize("codec", ["libx264", "ffv1"])
+def test_frames_that_are_passed_over_change_no_other(tmp_path, codec):
+    lossless = codec == "ffv1"
+    path = write_video(
+        tmp_path / "v.mkv", codec=codec, pixel_format="gray" if lossless else "yuv420p",
+        options={} if lossless else B_FRAMES,
+    )  # fmt: skip
+    straight, skipping = VideoReader(path), VideoReader(path)
+    expected = [straight.picture(index).luma for index in range(NUM_FRAMES)]
+    for index in range(NUM_FRAMES):
+        if index % 5 in (1, 2):
+            skipping.pass_over(index)
+        else:
+            np.testing.assert_array_equal(skipping.picture(index).luma, expected[index])
+    skipping.pass_over(3)
+    np.testing.assert_array_equal(skipping.picture(4).luma, expected[4])
+    for reader in (straight, skipping):
+        reader.close()

@@ -759,3 +759,11 @@ def test_names_carry_the_marks_players_look_for():
     assert "3D" not in names[StereoLayout.LEFT]
     assert len(set(names.values())) == len(StereoLayout)
     assert view_path(Path("out/clip.mkv"), "cam3") == Path("out/clip.cam3.mkv")
+
+
+def test_pictures_shown_again_are_the_pictures_that_equal_ones_would_be(tmp_path):
+    first, second = moving_eyes(range(2))
+    again, _ = write_and_join(tmp_path, "again", video_format(), [[first, first, second, second]])
+    copies = [tuple(map(np.copy, eyes)) for eyes in (first, first, second, second)]
+    anew, _ = write_and_join(tmp_path, "anew", video_format(), [copies])
+    assert digest(again) == digest(anew)

@@ -397,3 +397,14 @@ def test_real_scenes_are_understood(scenes_dir, name):
         assert np.ptp(known) > 0
         assert view.luma.std() > 5
     assert info.depth_is_metric == (name == "flower")
+
+
+def test_some_views_only_are_read_without_depth(source):
+    with source:
+        for index, only in ((5, None), (6, ("v1",)), (7, ("v0", "v1")), (5, ("v0",))):
+            frame, whole = source.read(index, only=only), source.read(index)
+            names = only or ("v0", "v1")
+            assert tuple(view.view_id for view in frame.views) == names
+            for name in names:
+                np.testing.assert_array_equal(frame.view(name).luma, whole.view(name).luma)
+                assert (frame.view(name).depth_map is None) == (only is not None)
