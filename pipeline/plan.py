@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 from pipeline.config import Settings
 from pipeline.errors import ConfigurationError, OutputError
+from pipeline.grid import Grid
 from pipeline.job import InputOptions, Job, OutputOptions
 from pipeline.media.files import check_folder_writable, check_writable
 from pipeline.media.info import SceneInfo
@@ -43,9 +45,20 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
         bit_depth=info.bit_depth,
         is_color=info.is_color,
         grid=grid,
+        pixel_aspect=_pixel_aspect(info, grid),
         between=place,
         is_realtime=job.settings.realtime,
     )
+
+
+def _pixel_aspect(info: SceneInfo, grid: Grid) -> Fraction:
+    """Return width over height of a pixel of the targets.
+
+    Where the scene knows of no squeezed pixels, 2x1 and 1x2 are taken to make square ones.
+    """
+    if info.pixel_aspect == 1:
+        return Fraction(1)
+    return info.pixel_aspect * grid.magnification_y / grid.magnification_x
 
 
 def with_magnification(job: Job, info: SceneInfo) -> Job:

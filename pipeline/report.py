@@ -69,8 +69,12 @@ def to_plain(value: Any) -> Any:
 
 
 def strict_json(value: Any) -> str:
-    """Return the value as JSON text with a final newline; never NaN."""
-    return json.dumps(to_plain(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    """Return the value as JSON text with a final newline; never NaN.
+
+    Bytes of a path that are no text are escaped, as JSON escapes lone surrogates.
+    """
+    text = json.dumps(to_plain(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return text.encode(errors="backslashreplace").decode()
 
 
 def versions() -> dict[str, str]:

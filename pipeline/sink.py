@@ -37,6 +37,8 @@ class OutputPlan:
     is_color: bool
     grid: Grid
     """The HR grid of the targets."""
+    pixel_aspect: Fraction = Fraction(1)
+    """Width over height of a pixel of the targets."""
     between: Place | None = None
     """Where the one target lies, if it is a view between two cameras."""
     is_realtime: bool = False

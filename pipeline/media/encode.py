@@ -30,7 +30,7 @@ import numpy.typing as npt
 
 from pipeline.errors import OutputError
 from pipeline.media.files import atomic_path, output_error
-from pipeline.media.matroska import show_eyes_at_full_size
+from pipeline.media.matroska import set_eye_shape
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
 from pipeline.media.ycbcr import YcbcrMatrix, matrix_for, to_yuv420
 from pipeline.stereo import Picture, StereoLayout, pack, pad_to_multiple
@@ -220,12 +220,15 @@ def join_segments(segments: Sequence[Path], out: Path, video_format: VideoFormat
                 stream = output.add_stream_from_template(first.streams.video[0], opaque=True)
                 stream.time_base = 1 / video_format.fps
                 stream.codec_context.framerate = video_format.fps
-                stream.codec_context.sample_aspect_ratio = _sample_aspect(video_format.layout)
+                stream.codec_context.sample_aspect_ratio = _sample_aspect(video_format)
             joiner = _Joiner(out, output, stream, video_format)
             for path in segments:
                 joiner.append(path)
-        if video_format.layout.half and video_format.container is not Container.MP4:
-            show_eyes_at_full_size(temporary)
+        layout = video_format.layout
+        is_oblong = layout.half or video_format.pixel_aspect != 1
+        if layout.packed and is_oblong and video_format.container is not Container.MP4:
+            eyes_across = 1 if layout.half else 2 if layout.side_by_side else Fraction(1, 2)
+            set_eye_shape(temporary, video_format.pixel_aspect / eyes_across)
         return joiner.num_frames
 
 
@@ -348,7 +351,7 @@ class _SegmentEncoder:
         context.time_base = 1 / fmt.fps
         context.thread_count = ENCODER_THREADS
         context.thread_type = "AUTO"
-        context.sample_aspect_ratio = _sample_aspect(fmt.layout)
+        context.sample_aspect_ratio = _sample_aspect(fmt)
         _tag_colours(context, pixels)
         with _scheduling_kept():
             context.open()
@@ -463,11 +466,12 @@ def _x264_options(video_format: VideoFormat) -> dict[str, str]:
     return {"x264-params": ":".join(parameters)}
 
 
-def _sample_aspect(layout: StereoLayout) -> Fraction:
+def _sample_aspect(video_format: VideoFormat) -> Fraction:
     """Return width over height of a sample: squeezed eyes have wide (high) samples."""
+    layout, aspect = video_format.layout, video_format.pixel_aspect
     if not layout.half:
-        return Fraction(1)
-    return Fraction(2) if layout.side_by_side else Fraction(1, 2)
+        return aspect
+    return aspect * 2 if layout.side_by_side else aspect / 2
 
 
 def _tag_colours(context: Any, pixels: _Pixels) -> None:

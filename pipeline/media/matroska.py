@@ -1,9 +1,10 @@
-"""The one thing about Matroska files that the muxer gets wrong: the size of a squeezed eye.
+"""The one thing about Matroska files that the muxer gets wrong: the shape of a squeezed eye.
 
 Matroska's DisplayWidth and DisplayHeight are the size of *one* eye as shown.
 For a file with a stereo mode FFmpeg always writes half the coded width
-(height), which says "each eye in full". For the half layouts the eye is shown
-as large as the whole coded picture, and this module says so in place.
+(height), which says "each eye in full, of square pixels". In the half layouts
+the eye is shown as large as the whole coded picture, and eyes that came in
+squeezed may be so still; this module says so in place.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 
 from pipeline.errors import OutputError
@@ -32,16 +34,19 @@ class _Element:
     end: int
 
 
-def show_eyes_at_full_size(path: Path) -> None:
-    """Set the display size of the first video track to its coded size. Modifies the file.
+def set_eye_shape(path: Path, aspect: Fraction) -> None:
+    """Set the display size of the first video track, that of one eye. Modifies the file.
 
-    Where the number takes more bytes than the muxer left for it (coded sides
-    of 256 to 511), the *other* side is halved instead: the same shape.
+    Where a number takes more bytes than the muxer left for it, both sides are
+    halved: the same shape.
 
     Parameters
     ----------
     path : Path
-        A Matroska or WebM file of a half side-by-side or half top-bottom video.
+        A Matroska or WebM file with a stereo mode.
+    aspect : Fraction
+        Shape of one eye as shown over that of the whole coded picture, each width over
+        height: 1 for the half layouts, ½ for side by side, 2 for top and bottom.
 
     Raises
     ------
@@ -53,7 +58,7 @@ def show_eyes_at_full_size(path: Path) -> None:
         try:
             tracks = _child(head, _child(head, _whole(head), _SEGMENT), _TRACKS)
             video = _child(head, _child(head, tracks, _TRACK_ENTRY), _VIDEO)
-            _rewrite_display_size(head, video)
+            _rewrite_display_size(head, video, aspect)
         except (KeyError, IndexError) as error:
             raise OutputError(f"{path}: no video track found in the Matroska header") from error
         _refresh_checksum(head, tracks)
@@ -61,13 +66,14 @@ def show_eyes_at_full_size(path: Path) -> None:
         file.write(head)
 
 
-def _rewrite_display_size(head: bytearray, video: _Element) -> None:
+def _rewrite_display_size(head: bytearray, video: _Element, aspect: Fraction) -> None:
     sides = [
         (_child(head, video, coded), _child(head, video, shown))
         for coded, shown in ((_PIXEL_WIDTH, _DISPLAY_WIDTH), (_PIXEL_HEIGHT, _DISPLAY_HEIGHT))
     ]
-    sizes = [_number(head, coded) for coded, _ in sides]
-    if any(
+    width, height = (_number(head, coded) for coded, _ in sides)
+    sizes = [width * aspect.numerator, height * aspect.denominator]
+    while any(
         size >= 1 << 8 * (shown.end - shown.start)
         for size, (_, shown) in zip(sizes, sides, strict=True)
     ):

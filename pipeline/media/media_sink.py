@@ -50,6 +50,7 @@ class MediaSink:
                 fps=plan.fps,
                 codec=None if options.codec is None else VideoCodec(options.codec),
                 crf=options.quality,
+                pixel_aspect=plan.pixel_aspect,
                 is_quick=plan.is_realtime,
             )
             eyes = 1 if self._layout is StereoLayout.VIEWS else len(plan.targets)

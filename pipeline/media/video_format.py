@@ -71,6 +71,8 @@ class VideoFormat:
     """Frames a second, above 0, up to 500."""
     crf: int | None = None
     """Constant rate factor, 1..51 (h264) or 1..63 (vp9, av1); None: the default. Not for ffv1."""
+    pixel_aspect: Fraction = Fraction(1)
+    """Width over height of a pixel of one eye, before a layout squeezes it."""
     is_quick: bool = False
     """Whether H.264 is coded in less than half the time, as good, into larger files."""
 
@@ -103,6 +105,7 @@ class VideoFormat:
         fps: Fraction,
         codec: VideoCodec | None = None,
         crf: int | None = None,
+        pixel_aspect: Fraction = Fraction(1),
         is_quick: bool = False,
     ) -> VideoFormat:
         """Return the format that a file name asks for.
@@ -129,7 +132,13 @@ class VideoFormat:
         container = Container(suffix)
         codec = codec or CODECS[container][0]
         return cls(
-            container=container, codec=codec, layout=layout, fps=fps, crf=crf, is_quick=is_quick
+            container=container,
+            codec=codec,
+            layout=layout,
+            fps=fps,
+            crf=crf,
+            pixel_aspect=pixel_aspect,
+            is_quick=is_quick,
         )
 
     @property

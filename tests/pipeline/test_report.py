@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from fractions import Fraction
 from pathlib import Path
 
@@ -101,3 +102,10 @@ def test_versions_and_memory():
 def test_timings_add_up_and_warnings_are_said_once():
     assert sum_timings([{"a": 1.0}, {"a": 0.5, "b": 2.0}]) == {"a": 1.5, "b": 2.0}
     assert distinct(["x", "y", "x"]) == ["x", "y"]
+
+
+def test_paths_that_are_no_text_come_back_from_json():
+    path = os.fsdecode(b"b\xffd \xc3\xa4.mkv")
+    text = strict_json({"path": Path(path)})
+    text.encode()
+    assert json.loads(text)["path"] == path

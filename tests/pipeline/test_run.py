@@ -353,19 +353,22 @@ def test_layout_views_writes_every_observed_view(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("aspect", "is_default", "expected"),
+    ("aspect", "is_default", "expected", "remaining"),
     [
-        (Fraction(2), True, (12, 36)),
-        (Fraction(1, 2), True, (24, 18)),
-        (Fraction(2), False, (24, 36)),
-        (Fraction(1), True, (24, 36)),
+        (Fraction(2), True, (12, 36), 1),
+        (Fraction(1, 2), True, (24, 18), 1),
+        (Fraction(2), False, (24, 36), 2),
+        (Fraction(1), True, (24, 36), 1),
     ],
 )
-def test_halved_eyes_are_restored_unless_told_otherwise(tmp_path, aspect, is_default, expected):
+def test_halved_eyes_are_restored_unless_told_otherwise(
+    tmp_path, aspect, is_default, expected, remaining
+):
     sinks: list[MemorySink] = []
     job = dataclasses.replace(_job(tmp_path), magnification_is_default=is_default)
     run_job(job, tools=_tools(_frames(1), sinks=sinks, pixel_aspect=aspect))
     assert sinks[0].plan.hr_shape == expected
+    assert sinks[0].plan.pixel_aspect == remaining
     assert sinks[0].results[0].images["cam0"].luma.shape == expected
 
 

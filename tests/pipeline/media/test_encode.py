@@ -226,6 +226,24 @@ def test_squeezed_eyes_have_oblong_samples(
     assert said["sample_aspect_ratio"] == sample
 
 
+@pytest.mark.parametrize(
+    ("layout", "sample"),
+    [("sbs", "2:1"), ("tab", "2:1"), ("left", "2:1"), ("half-sbs", "4:1"), ("half-tab", "1:1")],
+)
+@pytest.mark.parametrize("container", [Container.MKV, Container.MP4])
+@pytest.mark.parametrize("width", [80, 300])
+def test_eyes_that_stay_squeezed_are_said_to_be(
+    tmp_path, ffprobe, container, layout, sample, width
+):
+    layout = StereoLayout(layout)
+    video = replace(video_format(container, layout=layout), pixel_aspect=Fraction(2))
+    eyes = [
+        picture if layout.packed else picture[:1] for picture in moving_eyes(range(1), width=width)
+    ]
+    out, _ = write_and_join(tmp_path, "v", video, [eyes])
+    assert ffprobe(out)["sample_aspect_ratio"] == sample
+
+
 def test_full_layouts_have_square_samples(tmp_path, ffprobe):
     for container in (Container.MKV, Container.MP4):
         out, _ = write_and_join(
