@@ -137,8 +137,10 @@ class LiveFrames:
                 maps[view_id] = nearness
         return _Decoded(color=pictures, depth=maps), refused
 
-    def frame(self, frame_index: int, decoded: _Decoded) -> MultiViewFrame:
-        """Return the frame of what was decoded; missing depth is estimated.
+    def frame(
+        self, frame_index: int, decoded: _Decoded, *, needs_depth: bool = True
+    ) -> MultiViewFrame:
+        """Return the frame of what was decoded; missing depth is estimated where it is needed.
 
         Raises
         ------
@@ -174,7 +176,9 @@ class LiveFrames:
         )
         return MultiViewFrame(
             frame_index=frame_index,
-            views=tuple(estimate_missing_depth(views, depth_is_metric=is_metric)),
+            views=tuple(
+                estimate_missing_depth(views, depth_is_metric=is_metric) if needs_depth else views
+            ),
             left=left,
             right=right,
             depth_is_metric=is_metric,

@@ -258,7 +258,9 @@ class StreamSession:
             if choice.drop and self.options.real_time:
                 self._account(assembled, {}, problem="too late")
                 return
-            frame = self._decoded(assembled)
+            frame = self._decoded(
+                assembled, is_alone=self.options.real_time and choice.rung.effort.alone
+            )
             marks.append(self._clock())
             result = self._superresolved(frame, choice)
             marks.append(self._clock())
@@ -290,10 +292,21 @@ class StreamSession:
         self._latency.add(seconds)
         self._account(assembled, seconds, effort=self._words(choice))
 
-    def _decoded(self, assembled: AssembledFrame) -> MultiViewFrame:
-        """Return the frame; pictures that cannot be used are left out as if they had not come."""
+    def _decoded(self, assembled: AssembledFrame, *, is_alone: bool) -> MultiViewFrame:
+        """Return the frame; pictures that cannot be used are left out as if they had not come.
+
+        Parameters
+        ----------
+        is_alone : bool
+            Whether the eyes' pictures are all that is looked at.
+        """
         color, depth = (
-            {view: item.content for (view, kind), item in assembled.parts.items() if kind is part}
+            {
+                view: item.content
+                for (view, kind), item in assembled.parts.items()
+                if kind is part
+                and not (is_alone and (part is Part.DEPTH or view not in self.manifest.pair))
+            }
             for part in Part
         )
         decoded, refused = self._frames.decode(color, depth)
@@ -307,7 +320,7 @@ class StreamSession:
                 f"cannot be used: {', '.join(named(frozenset(missing)))}",
                 frame=assembled.frame_index,
             )
-        return self._frames.frame(assembled.frame_index, decoded)
+        return self._frames.frame(assembled.frame_index, decoded, needs_depth=not is_alone)
 
     def _superresolved(self, frame: MultiViewFrame, choice: Choice) -> FrameResult:
         """Return the result with the effort chosen; all of it where no rate is to be held."""
