@@ -145,7 +145,8 @@ def evaluate_set1(
             )
     for method in methods:
         if method not in METHODS and method not in BASELINES:
-            raise ConfigurationError(f"unknown method {method!r}")
+            choices = ", ".join(dict.fromkeys((*METHODS, *BASELINES)))
+            raise ConfigurationError(f"--methods: {method!r} is not one of {choices}")
     degraded = degraded_input(frame, degradation)
     grid = degradation.grid
     hr_shape = grid.hr_shape(degraded.frame.lr_shape)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -87,29 +87,27 @@ def choose_targets(
     wanted = (output.layout,) if output.layout in eyes else ("left", "right")
     there = tuple(eye for eye in wanted if eyes[eye] in observed)
     if not there:
-        missing = " nor ".join(f"{eyes[eye]!r} ({eye})" for eye in wanted)
-        neither = "neither " if len(wanted) > 1 else "not "
-        raise ConfigurationError(
-            f"--views: {neither}{missing} is among them, so there is no eye to write"
-        )
+        missing = [f"{eyes[eye]!r} ({eye})" for eye in wanted]
+        said = f"neither {' nor '.join(missing)} is" if len(missing) > 1 else f"{missing[0]} is not"
+        raise ConfigurationError(f"--views: {said} among them, so there is no eye to write")
     layout = output.layout if len(there) == 2 else there[0]
     return tuple(eyes[eye] for eye in there), layout
 
 
-def check_scene_kept(source: FrameSource, plan: OutputPlan, frames: range) -> None:
+def check_scene_kept(source: FrameSource, files: Iterable[Path | None]) -> None:
     """See to it that no file of the scene is written over.
 
     Raises
     ------
     OutputError
-        If a video, a picture or the report has the place of a file that is read.
+        If a file to be written has the place of one that is read.
     """
-    for path in _files(plan, frames):
-        if path.is_file() and source.reads(path):
+    for path in files:
+        if path is not None and path.is_file() and source.reads(path):
             raise OutputError(f"{path}: would overwrite the scene")
 
 
-def _files(plan: OutputPlan, frames: range) -> Iterator[Path]:
+def files_of(plan: OutputPlan, frames: range) -> Iterator[Path]:
     """Yield every file that is there in the end, without debug pictures."""
     options = plan.options
     if options.report is not None:

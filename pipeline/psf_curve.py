@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -36,20 +37,26 @@ class PsfCurve:
     def title(self) -> str:
         """What it is the curve of."""
         of_layer = "" if self.layer is None else f", depth layer {self.layer}"
-        return f"{self.view_id}{of_layer}: σ = {self.sigma:.2f} HR pixels, support {self.support}"
+        assumed = " (assumed)" if self.remark else ""
+        return (
+            f"{self.view_id}{of_layer}: σ = {self.sigma:.2f} HR pixels{assumed}, "
+            f"support {self.support}"
+        )
 
 
 def format_psf(curves: Sequence[PsfCurve]) -> str:
-    """Return the curves as text: the choice, then an aligned table."""
+    """Return the curves as text: the choice, then an aligned table, if anything was measured."""
     lines = []
     for curve in curves:
         lines.append(curve.title)
         if curve.remark:
             lines.append(curve.remark)
+        if all(math.isnan(misfit) for misfit in curve.misfits):
+            continue
         lines.append("     σ  misfit")
         chosen = min(curve.sigmas, key=lambda sigma: abs(sigma - curve.sigma))
         for sigma, misfit in zip(curve.sigmas, curve.misfits, strict=True):
-            mark = "  ←" if sigma == chosen else ""
+            mark = "  ←" if sigma == chosen and not curve.remark else ""
             lines.append(f"{sigma:6.2f}  {misfit:6.3f}{mark}")
     return "\n".join(lines)
 

@@ -18,7 +18,7 @@ from pipeline.fingerprint import make_fingerprint
 from pipeline.frames import MultiViewFrame
 from pipeline.job import Job, cut_segments
 from pipeline.media.files import write_atomic
-from pipeline.plan import check_outputs, check_scene_kept, make_plan, with_magnification
+from pipeline.plan import check_outputs, check_scene_kept, files_of, make_plan, with_magnification
 from pipeline.psf_curve import PsfCurve
 from pipeline.psf_search import search_psf
 from pipeline.reconstruction.psf import GaussianPsf
@@ -128,7 +128,7 @@ def run_job(
         job = with_magnification(job, info)
         frames = job.input.frames.within(info.frame_indices)
         plan = make_plan(job, info)
-        check_scene_kept(source, plan, frames)
+        check_scene_kept(source, files_of(plan, frames))
         sink = tools.make_sink(plan)
         segments = cut_segments(frames, job.output.segment_length)
         anchor = job.output.output or job.output.frames_dir

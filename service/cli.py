@@ -269,6 +269,7 @@ def _run_psf(arguments: argparse.Namespace) -> int:
     from pipeline.job import InputOptions
     from pipeline.media.files import check_writable, write_atomic
     from pipeline.media.source import open_scene
+    from pipeline.plan import check_scene_kept
     from pipeline.psf_curve import format_psf, psf_picture
     from pipeline.psf_search import search_psf
     from pipeline.report import strict_json, versions
@@ -293,6 +294,7 @@ def _run_psf(arguments: argparse.Namespace) -> int:
         watching(arguments) as (stop, progress),
         stop.breakable(),
     ):
+        check_scene_kept(source, (picture, table))
         frame = source.read(options.frames.within(source.info.frame_indices).start)
         progress.note(f"frame {frame.frame_index}: scanning")
         curves = search_psf(frame, settings)

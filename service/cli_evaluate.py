@@ -155,9 +155,10 @@ def _numbers(text: str) -> tuple[float, ...]:
 def _run_set1(arguments: argparse.Namespace) -> int:
     from pipeline.config import Settings
     from pipeline.degradation import Degradation
-    from pipeline.evaluate import METHODS, evaluate_set1, format_frames, format_table
+    from pipeline.evaluate import METHODS, evaluate_set1, format_frames, format_table, settings_of
     from pipeline.media.files import check_writable, write_atomic
     from pipeline.media.source import open_scene
+    from pipeline.plan import check_scene_kept
     from pipeline.report import strict_json, versions
     from pipeline.threads import set_threads
     from service.options import collect
@@ -179,6 +180,7 @@ def _run_set1(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         check_writable(arguments.json)
     with open_scene(arguments.scene) as source, watching(arguments) as (stop, progress):
+        check_scene_kept(source, (arguments.json,))
         info = source.info
         numbers = _frame_numbers(arguments, info.frame_indices)
         with stop.breakable():
@@ -208,7 +210,7 @@ def _run_set1(arguments: argparse.Namespace) -> int:
         content = {
             "format": "depthsr-set1/1",
             "versions": versions(),
-            "settings": settings,
+            "settings": settings_of(degradation, settings),
             **(
                 results[0].as_json()
                 if arguments.frames is None

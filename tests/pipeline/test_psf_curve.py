@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,6 +24,15 @@ def test_text_names_the_choice_and_marks_the_nearest_row():
     assert lines[0] == "cam3: σ = 1.10 HR pixels, support 7"
     assert [line.endswith("←") for line in lines[2:]] == [False, True, False]
     assert "1.125" in lines[3]
+
+
+def test_an_assumption_is_called_one_and_no_row_is_its_choice():
+    told = replace(CURVE, remark="PSF: the views cannot tell; σ 1.1 is assumed")
+    lines = format_psf([told]).splitlines()
+    assert lines[:2] == ["cam3: σ = 1.10 HR pixels (assumed), support 7", told.remark]
+    assert not any("←" in line for line in lines)
+    untold = replace(told, misfits=(float("nan"),) * 3)
+    assert format_psf([untold]).splitlines() == lines[:2]
 
 
 def test_picture_has_one_plot_a_curve():

@@ -340,7 +340,7 @@ def test_an_eye_that_is_not_observed_is_not_written(tmp_path):
     assert sinks[0].plan.picture_names == {"cam1": "right"}
     with pytest.raises(ConfigurationError, match="no eye to write"):
         run_job(_job(tmp_path, views=("cam2",)), tools=_tools(_frames(1)))
-    with pytest.raises(ConfigurationError, match=r"not 'cam0' \(left\)"):
+    with pytest.raises(ConfigurationError, match=r"'cam0' \(left\) is not among them"):
         run_job(_job(tmp_path, views=("cam1",), layout="left"), tools=_tools(_frames(1)))
 
 

@@ -49,3 +49,15 @@ def test_the_bars_fail_where_one_is_not_met(capsys, monkeypatch, tmp_path, met):
     assert status == (0 if met else 1)
     assert "wide enough" in capsys.readouterr().out
     assert json.loads((tmp_path / "bars.json").read_text())["met"] is bool(met)
+
+
+@pytest.mark.parametrize(
+    "command", [["psf", "-o"], ["psf", "--json"], ["evaluate", "set1", "--json"]]
+)
+def test_no_file_of_the_scene_is_written_over(capsys, tiny_scene, command):
+    manifest = tiny_scene / "scene.json"
+    before = manifest.read_bytes()
+    *words, option = command
+    assert main([*words, str(tiny_scene), option, str(manifest)]) == 2
+    assert "scene.json: would overwrite the scene" in capsys.readouterr().err
+    assert manifest.read_bytes() == before
