@@ -36,6 +36,7 @@ from pipeline.registration.verdict import registered_view
 from pipeline.registration.window_fits import windows_of
 from pipeline.registration.windows import (
     Landed,
+    WindowFit,
     land,
     pixels_of,
     pixels_per_nearness,
@@ -147,7 +148,6 @@ def register_view(
     thresholds: Thresholds,
     through: tuple[ViewRegistration, ViewRegistration] | None = None,
     before: Before | None = None,
-    rig: ViewRegistration | None = None,
 ) -> ViewRegistration:
     """Return one view registered onto one reference.
 
@@ -157,9 +157,6 @@ def register_view(
         Where given, motions start from the composition of the two.
     before : Before, optional
         The same two views in the previous frame.
-    rig : ViewRegistration, optional
-        The same two views in the previous frame, which shows something else: only how they stand
-        to one another is taken from it.
     """
     if source.view.view_id == reference.view.view_id:
         return _onto_itself(source)
@@ -175,10 +172,20 @@ def register_view(
         )
         if again is not None:
             return _renewed(source, reference, again, before, method, noise, thresholds)
-    fit = None if rig is None else register_moved(source, reference, rig, noise, method.model)
-    if fit is None:
-        start = None if before is None else before.registration.parallax
-        fit = register_windows(source, reference, method, noise, through, start)
+    start = None if before is None else before.registration.parallax
+    fit = register_windows(source, reference, method, noise, through, start)
+    return _landed(source, reference, fit, method, noise, thresholds)
+
+
+def _landed(
+    source: PreparedView,
+    reference: PreparedView,
+    fit: WindowFit,
+    method: RegistrationMethod,
+    noise: float,
+    thresholds: Thresholds,
+) -> ViewRegistration:
+    """Return a view whose windows are fitted, each of its pixels with one of their motions."""
     landed = land(source, reference, fit, noise, method)
     return ViewRegistration(
         registered=registered_view(source, reference, landed.position, landed.offset, thresholds),
@@ -338,15 +345,23 @@ def _register_moved(
     """Register the views of a frame in which the rig has moved.
 
     Of two references that are registered onto one another one is fitted, and its motion inverted.
+    Where the first view that is fitted does not keep to how it stood before, none is held to that.
     """
     old = _by_views(previous, targets)
 
+    def kept(task: tuple[str, str]) -> ViewRegistration | None:
+        target, source = task
+        fit = register_moved(prepared[source], prepared[target], old[task], noise, method.model)
+        if fit is None:
+            return None
+        return _landed(prepared[source], prepared[target], fit, method, noise, thresholds)
+
     def again(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
-        return register_view(
-            prepared[source], prepared[target], method, noise=noise, thresholds=thresholds,
-            rig=old[task],
-        )  # fmt: skip
+        found = None if target == source else kept(task)
+        return found or register_view(
+            prepared[source], prepared[target], method, noise=noise, thresholds=thresholds
+        )
 
     tasks = [(target, source) for target in targets for source in sources]
     inverses = {
@@ -355,7 +370,17 @@ def _register_moved(
         if task[0] != task[1] and task[::-1] in tasks[:number]
     }
     fitted = [task for task in tasks if task not in inverses]
-    found = dict(zip(fitted, map_threads(again, fitted), strict=True))
+    found: dict[tuple[str, str], ViewRegistration] = {}
+    first = next((task for task in fitted if task[0] != task[1]), None)
+    if first is not None:
+        lead = kept(first)
+        if lead is None:
+            return register_views(
+                prepared, targets, sources, method, noise=noise, thresholds=thresholds
+            )
+        found[first] = lead
+    rest = [task for task in fitted if task != first]
+    found |= dict(zip(rest, map_threads(again, rest), strict=True))
 
     def inverse(task: tuple[str, str]) -> ViewRegistration:
         target, source = task

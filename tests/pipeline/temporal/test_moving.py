@@ -53,10 +53,14 @@ def _settings(temporal="warm"):
     return Settings(psf_sigma=1.0, noise_sigma=NOISE, sampling="decimation", temporal=temporal)
 
 
-def _chains(frames):
-    """Return the results of the frames, warm and cold."""
-    workers = [Worker(_settings(kind), targets=EYES) for kind in ("warm", "cold")]
-    return [[worker.take(frame) for frame in frames] for worker in workers]
+def _warm(frames):
+    """Return the results of the frames, each started from the one before."""
+    worker = Worker(_settings(), targets=EYES)
+    return [worker.take(frame) for frame in frames]
+
+
+def _cold(frame):
+    return Worker(_settings("cold"), targets=EYES).take(frame)
 
 
 def _truth(place, number):
@@ -66,8 +70,8 @@ def _truth(place, number):
 
 def test_no_frame_is_worse_than_cold_and_the_report_says_what_happened(wide):
     frames = [_panned(wide, number) for number in range(4)]
-    warm, cold = _chains(frames)
-    for number, (ours, other) in enumerate(zip(warm, cold, strict=True)):
+    for number, ours in enumerate(_warm(frames)):
+        other = _cold(frames[number]) if number else ours
         for eye, place in zip(EYES, SCENE.reference_views, strict=True):
             truth = _truth(place, number)
             scores = [psnr(one.images[eye].luma, truth, border=8) for one in (ours, other)]
@@ -90,9 +94,10 @@ def test_a_small_fast_thing_before_a_moving_camera_leaves_no_ghost(wide):
         luma[top : top + side, left(number) : left(number) + side] = 250
         return luma
 
-    warm, cold = _chains([_panned(wide, number, shown) for number in range(3)])
+    frames = [_panned(wide, number, shown) for number in range(3)]
+    warm, cold = _warm(frames)[2], _cold(frames[2])
     for eye in EYES:
-        away = warm[2].images[eye].luma - cold[2].images[eye].luma
+        away = warm.images[eye].luma - cold.images[eye].luma
         for number in range(3):
             # where it was, as seen from where the camera is now
             x = left(number) - PAN * (2 - number)
@@ -116,11 +121,11 @@ def test_after_a_cut_nothing_is_kept(wide):
         return replace(frame, views=views)
 
     frames = [_panned(wide, 0), _panned(wide, 1), turned(_panned(wide, 2))]
-    warm, cold = _chains(frames)
-    assert all(target.start.is_cut for target in warm[2].report.targets)
-    assert not any(target.start.has_moved for target in warm[2].report.targets)
+    warm, cold = _warm(frames)[2], _cold(frames[2])
+    assert all(target.start.is_cut for target in warm.report.targets)
+    assert not any(target.start.has_moved for target in warm.report.targets)
     for eye in EYES:
-        np.testing.assert_array_equal(warm[2].images[eye].luma, cold[2].images[eye].luma)
+        np.testing.assert_array_equal(warm.images[eye].luma, cold.images[eye].luma)
 
 
 def test_motions_of_another_place_are_not_kept_to_save_time(wide):
@@ -225,5 +230,5 @@ def test_a_rig_whose_cameras_have_moved_to_one_another_is_registered_from_scratc
     _, moved = _registered(bent, previous)
     _, fresh = _registered(bent)
     for one, other in _pairs(moved, fresh):
-        away = np.linalg.norm(one.registered.position - other.registered.position, axis=-1)
-        assert np.nanmedian(away[other.registered.flags == 0]) < 0.05
+        np.testing.assert_array_equal(one.registered.position, other.registered.position)
+        np.testing.assert_array_equal(one.registered.flags, other.registered.flags)
