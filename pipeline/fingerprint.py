@@ -25,7 +25,9 @@ def make_fingerprint(job: Job, frames: range, targets: tuple[str, ...]) -> dict[
     record |= {
         f"input {key}": value for key, value in to_plain(job.input).items() if key != "frames"
     }
-    record |= {f"output {key}": value for key, value in to_plain(job.output).items()}
+    record |= {
+        f"output {key}": value for key, value in to_plain(job.output).items() if key != "report"
+    }
     if job.settings.temporal == "warm":
         for name, tuning in (("warm", WARM), ("new", NEW), ("still", STILL)):
             record |= {f"{name} {key}": value for key, value in to_plain(tuning).items()}

@@ -535,7 +535,11 @@ class _Parser:
                     view_id,
                 )
             if not is_image:
-                self.fail(f"{key}: a pattern must name image files, not {entry!r}", view_id)
+                self.fail(
+                    f"{key}: a pattern must name image files (PNG, JPEG, PGM, PPM, PFM or TIFF), "
+                    f"not {entry!r}",
+                    view_id,
+                )
             return ImageFiles(pattern=entry)
         if not isinstance(entry, dict):
             self.fail(f"{key}: must be a path, or raw video", view_id)

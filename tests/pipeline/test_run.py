@@ -248,7 +248,9 @@ def test_resuming_another_job_is_refused_and_says_what_differs(tmp_path):
     with pytest.raises(OutputError, match="noise_sigma was None, is 3") as caught:
         run_job(other, resume=True, tools=_tools(_frames(7)))
     assert caught.value.exit_status == 2
-    again = _job(tmp_path, settings=Settings(threads=2))  # changes no result
+    again = _job(
+        tmp_path, settings=Settings(threads=2), report=tmp_path / "report.json"
+    )  # changes no result
     assert run_job(again, resume=True, tools=_tools(_frames(7))).frames == 7
 
 
