@@ -1032,7 +1032,7 @@ def _view_report(
         view_id=view.view_id,
         registered_fraction=1 - rejections["no_motion"] / flags.size,
         verified_fraction=1 - np.count_nonzero(flags) / flags.size,
-        weight_fraction=float(weight.mean()),
+        weight_fraction=cv2.mean(weight)[0],
         rejections=rejections,
         median_absolute_weight=median_magnitude(some_rows(view.registration_weights)),
         residual_rms=misfit,

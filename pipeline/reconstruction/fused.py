@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from pipeline.frames import GreyImage, Mask, Positions, RegisteredView, Rejection
 from pipeline.grid import Grid
-from pipeline.reconstruction import agreement
+from pipeline.reconstruction import agreement, kernels
 from pipeline.reconstruction.learned import REACH, LearnedFilters
 from pipeline.reconstruction.parts import Box, covering_boxes, on_hr_grid, widened, within
 from pipeline.reconstruction.psf import Psf, SeparableTaps, psf_taps, sampling_taps
@@ -450,5 +450,9 @@ def finished(
 
 
 def _on_hr_grid(position: Positions, grid: Grid) -> tuple[HrImage, HrImage]:
-    x, y = grid.to_hr(position)
-    return np.ascontiguousarray(x), np.ascontiguousarray(y)
+    x, y = (np.empty(position.shape[:2], np.float32) for _ in range(2))
+    kernels.split_points(
+        position, np.float32(grid.magnification_x), np.float32(grid.offset_x),
+        np.float32(grid.magnification_y), np.float32(grid.offset_y), x, y,
+    )  # fmt: skip
+    return x, y

@@ -265,6 +265,15 @@ def sum_gradients(coefficients, position_x, position_y, observed, scale, cell, s
 
 
 @njit(**OPTIONS)
+def split_points(position, magnification_x, offset_x, magnification_y, offset_y, x, y):
+    """Write the HR coordinates of LR points (H, W, 2), (H, W) each."""
+    for row in range(x.shape[0]):
+        for column in range(x.shape[1]):
+            x[row, column] = position[row, column, 0] * magnification_x + offset_x
+            y[row, column] = position[row, column, 1] * magnification_y + offset_y
+
+
+@njit(**OPTIONS)
 def sample_spline(coefficients, position_x, position_y, row_lo, row_hi, out):
     """Write quadratic B-spline samples at HR positions into rows of ``out``; NaN outside.
 

@@ -24,17 +24,21 @@ def median_magnitude(values: npt.NDArray[np.float32]) -> float:
     count = _count_upper(bits, upper)
     if count == 0:
         return float("nan")
-    middle = [_number_of_rank(bits, upper, rank) for rank in ((count - 1) // 2, count // 2)]
+    ends = np.cumsum(upper)
+    middle = [_number_of_rank(bits, ends, rank) for rank in {(count - 1) // 2, count // 2}]
     return float(np.array(middle, np.int32).view(np.float32).mean(dtype=np.float64))
 
 
-def _number_of_rank(bits: npt.NDArray[np.int32], upper: npt.NDArray[np.int64], rank: int) -> int:
-    """Return the bits of the magnitude of that rank, the smallest being 0."""
-    ends = np.cumsum(upper)
+def _number_of_rank(bits: npt.NDArray[np.int32], ends: npt.NDArray[np.int64], rank: int) -> int:
+    """Return the bits of the magnitude of that rank, the smallest being 0.
+
+    ``ends`` says how many have upper bits that are no larger.
+    """
     high = int(np.searchsorted(ends, rank, side="right"))
-    like = np.empty(upper[high], np.int32)
+    before = int(ends[high - 1]) if high else 0
+    like = np.empty(int(ends[high]) - before, np.int32)
     _collect(bits, high, like)
-    place = rank - int(ends[high] - upper[high])
+    place = rank - before
     return int(np.partition(like, place)[place])
 
 

@@ -39,9 +39,8 @@ def covering_boxes(wanted: Mask) -> list[Box]:
     """
     height, width = wanted.shape
     rows, columns = -(-height // TILE), -(-width // TILE)
-    padded = np.zeros((rows * TILE, columns * TILE), bool)
-    padded[:height, :width] = wanted
-    tiles = padded.reshape(rows, TILE, columns, TILE).any(axis=(1, 3))
+    tiles = np.zeros((rows, columns), bool)
+    _find_tiles(wanted, TILE, tiles)
     found = np.empty((rows * columns + 1, 4), np.int64)
     count = _cover(tiles, TILE, 2 * HALO, BOX_COST, found)
     return [
@@ -51,6 +50,15 @@ def covering_boxes(wanted: Mask) -> list[Box]:
         )
         for top, bottom, left, right in found[:count].tolist()
     ]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _find_tiles(wanted, side, tiles):
+    """Mark the tiles in which a pixel is wanted."""
+    for row in range(wanted.shape[0]):
+        for column in range(wanted.shape[1]):
+            if wanted[row, column]:
+                tiles[row // side, column // side] = True
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

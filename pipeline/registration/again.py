@@ -9,6 +9,8 @@ where most have the rig itself has, and all is.
 
 from __future__ import annotations
 
+import math
+import statistics
 from dataclasses import dataclass, replace
 
 import cv2
@@ -49,7 +51,10 @@ CHANGE_BOX = 5
 """Side of the box over which the difference of two frames is judged, LR pixels."""
 
 DEPTH_BOX = 25
-"""The same for depth maps."""
+"""The same for depth maps; …"""
+
+DEPTH_STRIDE = 5
+"""… every so many rows and columns of them are looked at."""
 
 CHANGE = 1.5
 """Difference of the smoothed pictures beside the noise that counts as a change, grey levels."""
@@ -103,9 +108,12 @@ def _changed_pixels(now: PreparedView, before: PreparedView, noise: float) -> Ma
     # the smoothing before registration lets about a sixth of the noise's power through
     changed = local > 2 * 2.5 * noise**2 / 6 + CHANGE**2
     # depth maps are ragged at edges; only where a surface has another depth has it changed
-    wide = (DEPTH_BOX, DEPTH_BOX)
-    depth = cv2.absdiff(fine.nearness, old.nearness)
-    changed |= cv2.blur(depth, wide, borderType=cv2.BORDER_REFLECT) > 0.05 * now.depth_range
+    some = slice(None, None, DEPTH_STRIDE)
+    depth = cv2.absdiff(fine.nearness[some, some], old.nearness[some, some])
+    side = DEPTH_BOX // DEPTH_STRIDE
+    deeper = cv2.blur(depth, (side, side), borderType=cv2.BORDER_REFLECT) > 0.05 * now.depth_range
+    height, width = changed.shape
+    changed |= deeper.repeat(DEPTH_STRIDE, 0).repeat(DEPTH_STRIDE, 1)[:height, :width]
     return changed
 
 
@@ -226,8 +234,10 @@ def _rig_moved(moved: npt.NDArray[np.float64]) -> bool:
     """Return whether the probes moved for the most part, together or each its way."""
     if len(moved) < PROBES // 4:
         return False
-    together = float(np.linalg.norm(np.median(moved, axis=0)))
-    return together > RIG_DRIFTED or float(np.median(np.linalg.norm(moved, axis=1))) > DRIFTED
+    along_x, along_y = moved.T.tolist()
+    together = math.hypot(statistics.median(along_x), statistics.median(along_y))
+    apart = statistics.median(map(math.hypot, along_x, along_y))
+    return together > RIG_DRIFTED or apart > DRIFTED
 
 
 def _merged(

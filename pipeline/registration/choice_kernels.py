@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.registration.kernels import sample
+from pipeline.registration.kernels import value_at
 from pipeline.registration.window_kernels import OPTIONS, OUTSIDE, row_of_motion
 
 LARGEST_ENERGY = np.float32(2500.0)
@@ -31,6 +31,14 @@ def reach_of_windows(windows, fresh, side, reach):
                     y0, y1 = min(y0, i * side), max(y1, (i + 1) * side)
         reach[p, 0], reach[p, 1] = max(x0, windows[p, 0]), max(y0, windows[p, 1])
         reach[p, 2], reach[p, 3] = min(x1, windows[p, 2]), min(y1, windows[p, 3])
+
+
+@njit(**OPTIONS)
+def spread(cells, side, pixels):
+    """Write what is known of cells, ``side`` pixels wide, to each of their pixels."""
+    for i in range(cells.shape[0]):
+        for j in range(cells.shape[1]):
+            pixels[i * side : (i + 1) * side, j * side : (j + 1) * side] = cells[i, j]
 
 
 @njit(**OPTIONS)
@@ -114,7 +122,7 @@ def choose_windows(
                     # the residual holds ζ of the owner, which differs little
                     e = residual[y, x] + gradient_x[y, x] * du + gradient_y[y, x] * dv
                 else:
-                    value, _, _ = sample(reference, np.float32(x) + u, np.float32(y) + v)
+                    value = value_at(reference, np.float32(x) + u, np.float32(y) + v)
                     e = value - source[y, x] + zeta if np.isfinite(value) else OUTSIDE
                 energy[y - y0, x - x0] = min(e * e, LARGEST_ENERGY)
         for y in range(rows):

@@ -80,6 +80,34 @@ def sample(coefficients, x, y):
 
 
 @njit(**_OPTIONS)
+def value_at(coefficients, x, y):
+    """Return the value alone of :func:`sample`; x and y are float32."""
+    half = np.float32(0.5)
+    height = coefficients.shape[0] - 4
+    width = coefficients.shape[1] - 4
+    right, down = x + half, y + half
+    if not (right > 0 and down > 0 and right < width and down < height):
+        return np.float32(np.nan)
+    # not negative, and unsigned numbers need no check that they are
+    u, v = np.uint64(right), np.uint64(down)
+    tx, ty = x - np.float32(u), y - np.float32(v)
+    one = np.uint64(1)
+    u1, v1 = u + one, v + one
+    u2, v2, u3, v3 = u1 + one, v1 + one, u1 + one + one, v1 + one + one
+    a, b, c = coefficients[v1], coefficients[v2], coefficients[v3]
+    x0 = half * (half - tx) * (half - tx)
+    x1 = np.float32(0.75) - tx * tx
+    x2 = half * (half + tx) * (half + tx)
+    y0 = half * (half - ty) * (half - ty)
+    y1 = np.float32(0.75) - ty * ty
+    y2 = half * (half + ty) * (half + ty)
+    above = x0 * a[u1] + x1 * a[u2] + x2 * a[u3]
+    own = x0 * b[u1] + x1 * b[u2] + x2 * b[u3]
+    below = x0 * c[u1] + x1 * c[u2] + x2 * c[u3]
+    return y0 * above + y1 * own + y2 * below
+
+
+@njit(**_OPTIONS)
 def sample_field(coefficients, position, out):
     """Write spline samples at (H, W, 2) positions into ``out`` (H, W); NaN outside."""
     for row in range(out.shape[0]):

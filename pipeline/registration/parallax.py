@@ -10,6 +10,7 @@ or from calibration (§2.2, Figure 5); the latter is :func:`from_calibration`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -75,6 +76,15 @@ class ParallaxMotion:
             + self.epipole[2] * nearness
         )
         return (self.epipole[:2] - landed * self.epipole[2]) / depth[..., None]
+
+    def speed(self, x: float, y: float, nearness: float) -> float:
+        """Return the length of that derivative at one point, pixels a unit."""
+        (ax, bx, cx), (ay, by, cy), (az, bz, cz) = self.homography.tolist()
+        ex, ey, ez = self.epipole.tolist()
+        depth = az * x + bz * y + cz + ez * nearness
+        u = (ax * x + bx * y + cx + ex * nearness) / depth
+        v = (ay * x + by * y + cy + ey * nearness) / depth
+        return math.hypot(ex - u * ez, ey - v * ez) / abs(depth)
 
 
 def identity() -> ParallaxMotion:

@@ -74,14 +74,17 @@ class PreparedView:
     """Pyramid levels, at most."""
     smoothing: float
     """σ of the Gaussian before registration, pixels of each level."""
-    raw_coefficients: npt.NDArray[np.float32]
-    """(H + 4, W + 4), spline coefficients of the luma as it is (for Eq. 3)."""
     known: npt.NDArray[np.bool_]
     """(H, W), where depth was known."""
     depth_range: float
     """Range of known nearness, 2nd to 98th percentile; 0 where depth says nothing."""
     metric: bool
     """Whether nearness is 1 / depth in the units of the calibration."""
+
+    @functools.cached_property
+    def raw_coefficients(self) -> npt.NDArray[np.float32]:
+        """(H + 4, W + 4), spline coefficients of the luma as it is (for Eq. 3)."""
+        return spline_coefficients(np.ascontiguousarray(self.view.luma))
 
     @functools.cached_property
     def middle_nearness(self) -> float:
@@ -143,7 +146,6 @@ def prepare(
         fine=_level(luma, nearness, smoothing),
         num_levels=num_levels,
         smoothing=smoothing,
-        raw_coefficients=spline_coefficients(luma),
         known=known,
         depth_range=depth_range,
         metric=metric,

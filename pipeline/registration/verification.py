@@ -67,7 +67,7 @@ def _weigh(reference, position, source, offset, renewed, weights):
     for row in range(weights.shape[0]):
         for column in range(weights.shape[1]):
             if renewed[row, column]:
-                value, _, _ = kernels.sample(
+                value = kernels.value_at(
                     reference, position[row, column, 0], position[row, column, 1]
                 )
                 weights[row, column] = value - source[row, column] + offset[row, column]
@@ -76,13 +76,15 @@ def _weigh(reference, position, source, offset, renewed, weights):
 @njit(nogil=True, cache=True, error_model="numpy")
 def _nearest_landing(position, nearness, nearest):
     """Write the largest nearness that lands on each reference pixel, in place."""
-    height, width = nearest.shape
+    half, zero = np.float32(0.5), np.float32(0.0)
+    height, width = np.float32(nearest.shape[0]), np.float32(nearest.shape[1])
     for row in range(position.shape[0]):
         for column in range(position.shape[1]):
-            x, y = position[row, column, 0], position[row, column, 1]
-            if not (x > -0.5 and y > -0.5 and x < width - 0.5 and y < height - 0.5):
+            x, y = position[row, column, 0] + half, position[row, column, 1] + half
+            if not (x > zero and y > zero and x < width and y < height):
                 continue
-            i, j = int(np.floor(y + 0.5)), int(np.floor(x + 0.5))
+            # not negative, and unsigned numbers need no check that they are
+            i, j = np.uint64(y), np.uint64(x)
             nearest[i, j] = max(nearest[i, j], nearness[row, column])
 
 

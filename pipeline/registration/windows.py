@@ -127,14 +127,14 @@ def pixels_per_nearness(source: PreparedView, parallax: ParallaxMotion) -> float
     """Return how far one unit of nearness moves a point, LR pixels, median over the view."""
     height, width = source.fine.nearness.shape
     # in front of the camera it grows with nearness or falls, so that its median is at the median
-    derivative = parallax.parallax(width / 2, height / 2, source.middle_nearness)
-    return float(np.linalg.norm(derivative))
+    return parallax.speed(width / 2, height / 2, source.middle_nearness)
 
 
 def pixels_of(cells: Mask, shape: tuple[int, ...]) -> Mask:
     """Return the pixels of cells, (H, W)."""
-    spread = np.repeat(np.repeat(cells, SPACING, axis=0), SPACING, axis=1)
-    return np.ascontiguousarray(spread[: shape[0], : shape[1]])
+    out = np.empty(shape, np.bool_)
+    choice_kernels.spread(cells, SPACING, out)
+    return out
 
 
 def cut_view(source: PreparedView, parallax: ParallaxMotion, cells: Mask | None = None) -> Windows:

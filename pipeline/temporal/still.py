@@ -88,8 +88,8 @@ def seen_again(luma: GreyImage, before: Still, noise: float) -> Still:
     _judge(before.count, power, wide, np.float32(noise), found)
     # what changes is wider than a pixel, what noise feigns is not
     found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    mean, count = before.mean.copy(), before.count.copy()
-    _average(luma, found, mean, count)
+    mean, count = np.empty_like(before.mean), np.empty_like(before.count)
+    _average(luma, found, before.mean, before.count, mean, count)
     return Still(mean=mean, count=count, changed=found.view(np.bool_))
 
 
@@ -110,12 +110,13 @@ def _judge(frames, power, wide, noise, changed):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _average(luma, changed, mean, count):
-    """Let a frame join the means, in place; where something has changed it begins a new one."""
+def _average(luma, changed, means, counts, mean, count):
+    """Write the means that a frame has joined; where something has changed it begins a new one."""
     one = np.float32(1.0)
     most = np.float32(MOST_FRAMES)
     for row in range(luma.shape[0]):
         for column in range(luma.shape[1]):
-            frames = one if changed[row, column] else min(count[row, column] + one, most)
+            frames = one if changed[row, column] else min(counts[row, column] + one, most)
             count[row, column] = frames
-            mean[row, column] += (luma[row, column] - mean[row, column]) / frames
+            away = luma[row, column] - means[row, column]
+            mean[row, column] = means[row, column] + away / frames

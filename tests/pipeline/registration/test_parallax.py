@@ -243,3 +243,13 @@ def test_brightness_and_contrast_do_not_matter_to_matching():
     away = np.abs(landed - points - [5, -1]).max(axis=1)
     assert len(points) > 50
     assert np.median(away) < 0.15
+
+
+def test_the_speed_at_a_point_is_the_length_of_the_derivative():
+    parallax = ParallaxMotion(
+        homography=np.array([[0.98, 0.02, 5.0], [-0.01, 1.03, -2.0], [1e-4, -2e-4, 1.0]]),
+        epipole=np.array([30.0, -4.0, 0.2]),
+    )
+    for nearness in (-0.5, 0.0, 1.5):
+        expected = np.linalg.norm(parallax.parallax(70.0, 40.0, nearness))
+        assert parallax.speed(70.0, 40.0, nearness) == pytest.approx(expected)

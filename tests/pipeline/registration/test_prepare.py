@@ -148,6 +148,15 @@ def test_coarse_pixels_lie_on_every_second_fine_one():
         np.testing.assert_allclose(level.gradient_y[inner], 0.7 * step, rtol=0.01)
 
 
+def test_the_value_alone_is_that_of_the_whole_sample():
+    coefficients = spline_coefficients(_picture(12, 17))
+    x, y = np.random.default_rng(3).uniform(-2, 18, (2, 9, 30)).astype(np.float32)
+    found = [kernels.value_at(coefficients, *at) for at in zip(x.ravel(), y.ravel(), strict=True)]
+    expected = _sampled(coefficients, x, y)
+    assert 0.2 < np.isnan(expected).mean() < 0.8
+    np.testing.assert_allclose(np.reshape(found, x.shape), expected, rtol=1e-4, atol=1e-3)
+
+
 def test_smoothing_tames_noise_but_not_the_raw_coefficients():
     luma = np.random.default_rng(5).normal(100, 10, (40, 50)).astype(np.float32)
     view = prepare(_view(luma), 1)
