@@ -55,8 +55,9 @@ frame of eight views; from processor times on the rendered rig."""
 REGISTRATION = 0.7
 """Share of a view's work that is registration."""
 
-ALONE = 0.08
-"""Work of a frame whose eyes are made of themselves alone."""
+ALONE = 0.2
+"""Work of a frame whose eyes are made of themselves alone: more than half of it decoding, encoding
+and whatever else goes on beside."""
 
 FULL_STEPS = 4
 """Steps of a warm frame at full quality, about."""

@@ -564,7 +564,7 @@ def test_where_each_eye_is_made_alone_no_other_view_is_read(tmp_path):
     class Slow(worker(enlarge)):
         def take(self, frame, *, effort, neighbours):
             assert effort.alone or len(frame.views) == 3
-            time.sleep(0.0 if effort.alone else 0.1)
+            time.sleep(0.016 if effort.alone else 0.1)
             return enlarge(frame, self.settings, targets=("cam0", "cam1"))
 
     settings = Settings(temporal="warm", realtime=True, rate=50.0)
