@@ -204,7 +204,7 @@ class ClusterEngine:
         order = pickle.dumps(
             {
                 "versions": _versions(),
-                "scene": scene_files(work.job),
+                "scene": scene_files(work.job, work.plan.targets),
                 "work": pickle.dumps(work),
             }
         )
@@ -310,7 +310,7 @@ def examine(order: bytes) -> str:
             return f"it has {name} {ours.get(name)}, not {version}; install the same version there"
     work = pickle.loads(told["work"])
     try:
-        if scene_files(work.job) != told["scene"]:
+        if scene_files(work.job, work.plan.targets) != told["scene"]:
             return f"it does not see the same files of the scene at {work.job.scene}"
         for folder in (work.folder, work.job.output.frames_dir):
             if folder is not None:

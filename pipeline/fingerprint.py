@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from pipeline.job import Job
+from pipeline.media.video_format import view_path
 from pipeline.report import to_plain, versions
 from pipeline.segments import WARM_UP, WATCHED
 from pipeline.superresolve import NEW, STILL, WARM
@@ -35,17 +37,17 @@ def make_fingerprint(job: Job, frames: range, targets: tuple[str, ...]) -> dict[
     record["frames"] = [frames.start, frames.stop]
     record["targets"] = list(targets)
     record["scene"] = str(job.scene.resolve())
-    files = scene_files(job)
+    files = scene_files(job, targets)
     record["number of the scene's files"] = len(files)
     record["digest of the scene's files"] = _digest(files)
     return record
 
 
-def scene_files(job: Job) -> list[tuple[str, int, int]]:
+def scene_files(job: Job, targets: Sequence[str] = ()) -> list[tuple[str, int, int]]:
     """Return (path, bytes, time of change in nanoseconds) of the files a scene may consist of.
 
     The file itself; for a manifest or a folder all files below it but hidden ones and
-    those that the job itself writes.
+    those that the job itself writes of its targets.
     """
     scene = job.scene
     root = scene if scene.is_dir() else scene.parent
@@ -58,6 +60,10 @@ def scene_files(job: Job) -> list[tuple[str, int, int]]:
         for path in (output.output, output.report, output.frames_dir, output.debug_dir)
         if path is not None
     }
+    if output.output is not None:
+        own |= {view_path(output.output, view_id).resolve() for view_id in targets}
+    marks = "|".join(re.escape(name) for name in ("left", "right", "frame", *targets))
+    picture = re.compile(rf"({marks})-[0-9]{{6,}}\b.*\.png")
     found = []
     for folder, folders, names in os.walk(root):
         here = Path(folder)
@@ -68,6 +74,8 @@ def scene_files(job: Job) -> list[tuple[str, int, int]]:
         )
         for name in sorted(names):
             path = here / name
+            if here.resolve() in own and picture.fullmatch(name):
+                continue  # the scene's folder is that of the pictures too
             if not name.startswith(".") and path.resolve() not in own and path.is_file():
                 status = path.stat()
                 found.append((str(path.relative_to(root)), status.st_size, status.st_mtime_ns))

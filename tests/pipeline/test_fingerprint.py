@@ -48,6 +48,21 @@ def test_files_of_a_scene_without_what_the_job_itself_writes(scene):
     assert scene_files(dataclasses.replace(job, scene=scene / "scene.json")) == before
 
 
+def test_pictures_written_beside_the_scenes_own_are_not_the_scenes(scene):
+    job = _job(scene, frames_dir=scene, debug_dir=scene, layout="views")
+    before = scene_files(job, ("cam0",))
+    for name in (
+        "left-000003.png",
+        "cam0-000003.png",
+        "frame-000003-cam0-layers.png",
+        "out.cam0.mkv",
+    ):
+        (scene / name).write_bytes(b"x")
+    assert scene_files(job, ("cam0",)) == before
+    (scene / "cam1-000003.png").write_bytes(b"x")
+    assert len(scene_files(job, ("cam0",))) == len(before) + 1
+
+
 def test_a_video_is_one_file(scene):
     video = scene / "clip.mkv"
     video.write_bytes(b"video")
