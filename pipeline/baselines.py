@@ -45,7 +45,7 @@ def bicubic(image: npt.NDArray, grid: Grid) -> npt.NDArray[np.float32]:
 def bicubic_taps(magnification: int, offset: float) -> npt.NDArray[np.float32]:
     """Return the taps of that kernel for each phase along an axis, on LR offsets −2 … 2, (K, 5)."""
     taps = np.array(_phase_taps(magnification, offset, _cubic, 2), np.float32)
-    return taps[:, 1:-1]  # beyond them all are zero
+    return np.ascontiguousarray(taps[:, 1:-1])  # beyond them all are zero
 
 
 def lanczos(image: npt.NDArray, grid: Grid) -> npt.NDArray[np.float32]:
