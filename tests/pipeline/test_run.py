@@ -555,6 +555,7 @@ def test_holding_a_rate_needs_warm_frames():
 
 def test_where_each_eye_is_made_alone_no_other_view_is_read(tmp_path):
     read = []
+    now = 0.0  # time passes in the worker alone
 
     class Watched(MemorySource):
         def read(self, frame_index, *, only=None):
@@ -563,15 +564,19 @@ def test_where_each_eye_is_made_alone_no_other_view_is_read(tmp_path):
 
     class Slow(worker(enlarge)):
         def take(self, frame, *, effort, neighbours):
+            nonlocal now
             assert effort.alone or len(frame.views) == 3
-            time.sleep(0.016 if effort.alone else 0.1)
+            now += 0.016 if effort.alone else 0.1
             return enlarge(frame, self.settings, targets=("cam0", "cam1"))
 
     settings = Settings(temporal="warm", realtime=True, rate=50.0)
     summary = run_job(
         _job(tmp_path, settings=settings),
         tools=_tools(
-            _frames(30), open_scene=lambda path, **_: Watched(_frames(30)), make_worker=Slow
+            _frames(30),
+            open_scene=lambda path, **_: Watched(_frames(30)),
+            make_worker=Slow,
+            clock=lambda: now,
         ),
     )
     assert read[0] is None
