@@ -13,7 +13,7 @@ from pipeline.job import Job
 from pipeline.media.video_format import view_path
 from pipeline.report import to_plain, versions
 from pipeline.segments import WARM_UP, WATCHED
-from pipeline.superresolve import NEW, STILL, WARM
+from pipeline.superresolve.due import NEW, STILL, WARM
 
 RESULT_SETTINGS_IGNORED = frozenset({"threads"})
 """Settings that change the time but not the result, so that a resumed run may differ in them."""

@@ -13,7 +13,7 @@ from pipeline.effort import Effort
 from pipeline.metrics import psnr
 from pipeline.registration.method import METHODS
 from pipeline.registration.register import Previous, Thresholds, prepare_views, register_views
-from pipeline.superresolve import MOVED
+from pipeline.superresolve.due import MOVED
 from pipeline.synthetic import SampleScene
 from pipeline.temporal.initial import match_blocks
 from pipeline.temporal.moving import FEWEST, FOUND, found_again, has_moved

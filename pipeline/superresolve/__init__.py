@@ -1,0 +1,42 @@
+"""One multi-view frame in, super-resolved reference views out: the order of the stages.
+
+Registration says where each LR pixel lands and whether to trust it; reconstruction
+consumes that and knows nothing of depth, layers or cameras. Here the
+:class:`RegisteredView` records go from one to the other, and what happened is accounted for.
+
+* :mod:`both_halves`: a frame from its views to its images;
+* :mod:`register`: the first half, views registered onto the targets;
+* :mod:`registered`: what it hands to the second;
+* :mod:`reconstruct`: the second half, images of the targets;
+* :mod:`due`: what of them is made again in a chain of frames, and how thoroughly;
+* :mod:`memory`: what one frame of a chain leaves to the next;
+* :mod:`choices`: what the settings leave open;
+* :mod:`account`: what is said of a frame;
+* :mod:`stages`: how long its stages took.
+"""
+
+from pipeline.superresolve.both_halves import superresolve
+from pipeline.superresolve.choices import (
+    chosen_filters,
+    chosen_method,
+    default_residual_threshold,
+    default_weight_threshold,
+    given_psf,
+)
+from pipeline.superresolve.memory import Memory
+from pipeline.superresolve.reconstruct import reconstruct_frame
+from pipeline.superresolve.register import register_frame
+from pipeline.superresolve.registered import RegisteredFrame
+
+__all__ = [
+    "Memory",
+    "RegisteredFrame",
+    "chosen_filters",
+    "chosen_method",
+    "default_residual_threshold",
+    "default_weight_threshold",
+    "given_psf",
+    "reconstruct_frame",
+    "register_frame",
+    "superresolve",
+]

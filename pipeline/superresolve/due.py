@@ -1,0 +1,115 @@
+"""What of a target is reconstructed again in a chain, and how thoroughly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.config import Solver
+from pipeline.frames import GreyImage
+from pipeline.reconstruction.again import Due
+from pipeline.reconstruction.alone import CHANGE_REACH
+from pipeline.reconstruction.fused import FusedTuning, by_power
+from pipeline.superresolve.memory import Solved
+from pipeline.superresolve.registered import RegisteredFrame
+
+WARM = FusedTuning(alone=0.0, together=4)
+"""Work from the previous frame's result; see :class:`FusedTuning` for that from a cold start."""
+
+NEW = FusedTuning(alone=0.0, together=14, settled=0.08)
+"""The same where the previous frame does not show it."""
+
+MOVED = FusedTuning(
+    together=7, prior_strength=0.09, prior_noise_power=1.75, prior_psf_powers=(-1.0, -1.35),
+    data_share=0.015,
+)  # fmt: skip
+"""Work from a cold start where the camera has moved, of two views and at σ_psf 1: few steps smooth
+by themselves, and leave less to the prior; with so few observations they may go farther. More views
+need no more steps as it is."""
+
+MOVED_FROM = 1.0
+"""Noise from which so few steps are enough: with less of it there is more to find, grey levels."""
+
+MOVED_PSF_POWERS = (-1.3, 0.85)
+"""They grow with σ_psf to the first power below σ_psf 1, to the second above; …"""
+
+MOVED_NOISE_POWERS = (-0.2, 0.0)
+"""… and with the noise likewise, below and above noise 2."""
+
+STILL = FusedTuning(alone=0.0, together=2)
+"""The same where nothing has changed but the mean of the observations."""
+
+MOSTLY_CHANGED = 0.9
+"""Share of the pixels, halos included, from which what has changed is not worth being cut out:
+all is reconstructed again at once."""
+
+REFRESH = 4
+"""Frames within which everything is reconstructed again, changed or not."""
+
+
+def parts_due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due] | None:
+    """Return what of a target is reconstructed again; None: all of it.
+
+    That is what has changed, boxes with something in them that the previous frame does not show
+    more thoroughly than others, and a part of what has not, another one in each frame; all of
+    it where the pixels are for the most part means of twice as many frames as they were. Parts
+    that cost more together, with their halos, than the whole frame does are one.
+    """
+    still = frame.still.get(target)
+    if still is None or previous.frames is None or frame.settings.solver != Solver.FUSED:
+        return None
+    side = 2 * CHANGE_REACH + 1
+    changed = cv2.dilate(still.changed.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    due = [Due(wanted=changed, noise=frame.noise, tuning=WARM)]
+    if due[0].share > MOSTLY_CHANGED:
+        return None
+    unseen = changed & ~frame.matches[target].matched_pixels(changed.shape)
+    with_unseen = np.zeros_like(changed)
+    for box in due[0].boxes:
+        if unseen[box].any():
+            with_unseen[box] = changed[box]
+    due = [
+        Due(wanted=part, noise=frame.noise, tuning=tuning)
+        for part, tuning in ((changed & ~with_unseen, WARM), (with_unseen, NEW))
+        if part.any()
+    ]
+    again = ~changed
+    ripe = (still.count >= 2 * previous.frames)[again]
+    if ripe.size and ripe.mean() <= 0.5:
+        edges = np.linspace(0, len(changed), REFRESH + 1).astype(int)
+        turn = frame.frame.frame_index % REFRESH
+        again[: edges[turn]] = again[edges[turn + 1] :] = False
+    if again.any():
+        due.append(Due(wanted=again, noise=frame.noise, tuning=STILL))
+    if sum(part.share * part.tuning.together for part in due) > NEW.together:
+        return [Due(wanted=np.ones_like(changed), noise=frame.noise, tuning=NEW)]
+    return due
+
+
+def frames_solved(
+    frame: RegisteredFrame, target: str, previous: Solved | None, due: Sequence[Due] | None
+) -> npt.NDArray[np.float32] | None:
+    """Return of how many frames a target's pixels were the mean when they were solved."""
+    still = frame.still.get(target)
+    if still is None or previous is None or previous.frames is None or due is None:
+        return None if still is None else still.count
+    frames = previous.frames.copy()
+    for part in due:
+        np.copyto(frames, still.count, where=part.wanted)
+    return frames
+
+
+def tuning_of(frame: RegisteredFrame, num_views: int, start: GreyImage | None) -> FusedTuning:
+    """Return how a whole target is solved."""
+    if start is not None:
+        return WARM
+    is_known = num_views == 2 and frame.noise >= MOVED_FROM and frame.settings.grid.largest == 2
+    if not (frame.has_moved and is_known):
+        return FusedTuning()
+    growth = by_power(frame.psf.sigma, MOVED_PSF_POWERS)
+    growth *= by_power(frame.noise / 2, MOVED_NOISE_POWERS)
+    return replace(MOVED, together=round(MOVED.together * growth))

@@ -1,0 +1,399 @@
+"""The second half of the work on a frame: its targets made of the views registered onto them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.colour import interleaved
+from pipeline.config import Settings, Solver
+from pipeline.effort import FULL, Effort
+from pipeline.errors import Interrupted
+from pipeline.frames import ChromaImage, GreyImage, MultiViewFrame, RegisteredView
+from pipeline.grid import Grid
+from pipeline.reconstruction.again import fuse_again
+from pipeline.reconstruction.alone import Restored, restored
+from pipeline.reconstruction.coverage import phase_coverage
+from pipeline.reconstruction.fused import (
+    FusedResult,
+    FusedTuning,
+    estimate_alone,
+    finished,
+    fuse,
+    initial_estimate,
+    landing_points,
+    left_over,
+    some_rows,
+)
+from pipeline.reconstruction.learned import LearnedFilters
+from pipeline.reconstruction.pocs import pocs
+from pipeline.reconstruction.psf import Psf, psf_axes, sampling_taps
+from pipeline.results import FrameReport, FrameResult, SuperResolvedImage, TargetDebug, TargetReport
+from pipeline.superresolve.account import (
+    remark_of,
+    report_alone,
+    unused_settings,
+    view_report,
+    warnings_of,
+)
+from pipeline.superresolve.choices import (
+    chosen_filters,
+    chosen_method,
+    default_residual_threshold,
+    psf_of,
+)
+from pipeline.superresolve.due import frames_solved, parts_due, tuning_of
+from pipeline.superresolve.memory import Memory, Solved
+from pipeline.superresolve.register import register_frame
+from pipeline.superresolve.registered import RegisteredFrame
+from pipeline.superresolve.stages import Stages
+from pipeline.temporal.initial import StartChoice, warped
+from pipeline.threads import map_threads, set_threads, stoppable
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Target:
+    """One reconstructed reference view."""
+
+    image: SuperResolvedImage
+    report: TargetReport
+    debug: TargetDebug | None
+    solved: Solved
+
+
+def reconstruct_frame(
+    registered: RegisteredFrame,
+    *,
+    stop: Callable[[], bool] | None = None,
+    memory: Memory | None = None,
+) -> FrameResult:
+    """Do the second half of :func:`superresolve`: the images of a registered frame."""
+    frame, settings, psf = registered.frame, registered.settings, registered.psf
+    clock = Stages(stop)
+
+    def reconstruct(target: str) -> _Target:
+        return _reconstruct(
+            registered,
+            target,
+            stop,
+            None if memory is None else memory.solved(registered, target),
+        )
+
+    with stoppable(stop):
+        results = map_threads(reconstruct, registered.targets)
+        if memory is not None:
+            memory.keep_solved(
+                registered, {result.image.view_id: result.solved for result in results}
+            )
+        clock.done("reconstruction")
+        images = {result.image.view_id: result.image for result in results}
+        for target in registered.targets:
+            chroma = _chroma(frame, settings, target, registered.sources, psf)
+            images[target] = replace(images[target], chroma=chroma)
+    clock.done("chroma")
+    report = FrameReport(
+        frame_index=frame.frame_index,
+        noise_sigma=registered.noise,
+        noise_is_estimated=settings.noise_sigma is None,
+        psf_sigma=psf.sigma,
+        psf_support=psf.support,
+        psf_is_estimated=settings.psf == "auto",
+        targets=tuple(result.report for result in results),
+        effort=registered.effort,
+        motions_are_kept=registered.motions_are_kept,
+        timings={**registered.timings, **clock.timings},
+        warnings=(
+            *warnings_of(frame, registered.sources),
+            *unused_settings(settings, chosen_method(settings)),
+        ),
+    )
+    debug = {result.image.view_id: result.debug for result in results if result.debug is not None}
+    return FrameResult(frame_index=frame.frame_index, images=images, report=report, debug=debug)
+
+
+def restore_frame(
+    frame: MultiViewFrame,
+    settings: Settings,
+    *,
+    targets: tuple[str, ...],
+    psf: Psf | None = None,
+    stop: Callable[[], bool] | None = None,
+    memory: Memory | None = None,
+    effort: Effort = FULL,
+) -> FrameResult:
+    """Do what :func:`superresolve` does where each target is to be made of itself alone.
+
+    What has not changed since the previous frame stays as it was.
+    """
+    set_threads(settings.threads)
+    clock = Stages(stop)
+    psf = psf or psf_of(settings)
+    memory = memory or Memory()
+    frame = replace(frame, views=tuple(frame.view(target) for target in targets))
+    with stoppable(stop):
+        if not memory.is_of_size(frame):
+            memory.forget()
+        noise = memory.known_noise(targets)
+        if noise is None:
+            noise = memory.noise(frame, settings, targets)
+        frame = memory.averaged(frame, noise)
+        learned = chosen_filters(settings, psf, noise)
+        clock.done("preparation")
+
+        def restore(target: str) -> Restored:
+            return restored(
+                memory.still[target], memory.restored(target), settings.grid, psf, noise, learned
+            )
+
+        found = dict(zip(targets, map_threads(restore, targets), strict=True))
+        memory.keep_restored(frame, found)
+        clock.done("reconstruction")
+        images = {
+            target: SuperResolvedImage(
+                view_id=target,
+                luma=made.shown,
+                chroma=_chroma(frame, settings, target, targets, psf),
+            )
+            for target, made in found.items()
+        }
+    clock.done("chroma")
+    report = FrameReport(
+        frame_index=frame.frame_index,
+        noise_sigma=noise,
+        noise_is_estimated=settings.noise_sigma is None,
+        psf_sigma=psf.sigma,
+        psf_support=psf.support,
+        psf_is_estimated=settings.psf == "auto",
+        targets=tuple(report_alone(target, settings) for target in targets),
+        effort=effort,
+        motions_are_kept=True,
+        timings=clock.timings,
+    )
+    return FrameResult(frame_index=frame.frame_index, images=images, report=report)
+
+
+def _reconstruct(
+    frame: RegisteredFrame,
+    target: str,
+    stop: Callable[[], bool] | None,
+    previous: Solved | None,
+) -> _Target:
+    """Return one reference view reconstructed from the views registered onto it."""
+    settings, grid = frame.settings, frame.settings.grid
+    reference, registrations = frame.frame.view(target), frame.registrations[target]
+    registered = [registration.registered for registration in registrations]
+    lr_shape = reference.luma.shape
+    learned = chosen_filters(settings, frame.psf, frame.noise)
+    start = None
+    choice = StartChoice(warm_share=0.0, is_cut=frame.is_cut, has_moved=frame.has_moved)
+    if previous is not None:
+        match = frame.matches[target]
+        cold = estimate_alone(
+            reference.luma, grid, frame.psf, frame.noise, learned,
+            ~match.matched_pixels((lr_shape[0], lr_shape[1])),
+        )  # fmt: skip
+        start = warped(match, previous.result.estimate, cold, grid)
+        choice = match.choice
+    views = tuple(view.view_id for view in registered)
+    due = shown = None
+    if previous is not None:
+        previous = _of_views(previous, registered)
+        due = parts_due(frame, target, previous)
+    if previous is not None and start is not None and due is not None:
+        shown = previous.shown, [box for part in due for box in part.boxes], grid
+        solved = fuse_again(
+            registered, grid, frame.psf, previous.result, start, due,
+            residual_threshold=settings.residual_threshold
+            or default_residual_threshold(frame.noise),
+            most_steps=frame.effort.steps, stop=stop,
+        )  # fmt: skip
+    else:
+        solved = _solve(
+            settings, frame.psf, frame.noise, registered, grid,
+            (lr_shape[0], lr_shape[1]), stop, start, tuning_of(frame, len(registered), start),
+            learned, frame.effort.steps,
+        )  # fmt: skip
+    if stop is not None and stop():
+        raise Interrupted
+    trusted = [flags == 0 for flags in solved.flags]
+    filled = np.zeros(grid.hr_shape((lr_shape[0], lr_shape[1])), np.bool_)
+    own_phases, all_phases = (
+        phase_coverage(
+            [view.position for view in registered if view.is_reference == is_own],
+            [
+                mask
+                for view, mask in zip(registered, trusted, strict=True)
+                if view.is_reference == is_own
+            ],
+            grid, lr_shape, filled=filled,
+        )
+        for is_own in (True, False)
+    )  # fmt: skip
+    reports = tuple(
+        view_report(view, flags, weight, misfit)
+        for view, flags, weight, misfit in zip(
+            registered, solved.flags, solved.weights, solved.misfits, strict=True
+        )
+    )
+    report = TargetReport(
+        view_id=reference.view_id,
+        views=reports,
+        phase_coverage=100 * all_phases,
+        phase_coverage_reference=100 * own_phases,
+        remark=remark_of(reports, registered, 100 * (all_phases - own_phases)),
+        solver=settings.solver,
+        iterations=solved.iterations,
+        stop_reason=solved.stop_reason,
+        residuals=solved.residuals,
+        start=choice,
+    )
+    debug = None
+    if frame.layers is not None:
+        debug = TargetDebug(
+            view_id=reference.view_id,
+            registered=tuple(
+                replace(view, flags=flags)
+                for view, flags in zip(registered, solved.flags, strict=True)
+            ),
+            weights=solved.weights,
+            patch_labels={
+                registration.registered.view_id: registration.patch_labels
+                for registration in registrations
+            },
+            layer_labels=frame.layers,
+            contribution_count=solved.density,
+        )
+    luma = np.clip(finished(solved, learned, shown), 0.0, 255.0)
+    image = SuperResolvedImage(view_id=reference.view_id, luma=luma)
+    kept = Solved(
+        result=solved, shown=luma, views=views,
+        frames=frames_solved(frame, target, previous, due),
+    )  # fmt: skip
+    return _Target(image=image, report=report, debug=debug, solved=kept)
+
+
+def _of_views(solved: Solved, registered: Sequence[RegisteredView]) -> Solved:
+    """Return what is left of a frame to one that observes other views: nothing of new ones."""
+    views = tuple(view.view_id for view in registered)
+    if views == solved.views:
+        return solved
+    places = {name: place for place, name in enumerate(solved.views)}
+    weights, flags = solved.result.weights, solved.result.flags
+    result = replace(
+        solved.result,
+        weights=tuple(
+            weights[places[view.view_id]]
+            if view.view_id in places
+            else np.zeros(view.flags.shape, np.float32)
+            for view in registered
+        ),
+        flags=tuple(
+            flags[places[view.view_id]] if view.view_id in places else view.flags
+            for view in registered
+        ),
+    )
+    return replace(solved, result=result, views=views)
+
+
+def _solve(
+    settings: Settings,
+    psf: Psf,
+    noise: float,
+    registered: Sequence[RegisteredView],
+    grid: Grid,
+    lr_shape: tuple[int, int],
+    stop: Callable[[], bool] | None,
+    start: GreyImage | None,
+    tuning: FusedTuning,
+    learned: LearnedFilters | None,
+    steps: int | None,
+) -> FusedResult:
+    """Run the chosen solver; a POCS result is brought into the same form."""
+    residual_threshold = settings.residual_threshold or default_residual_threshold(noise)
+    if settings.solver == Solver.FUSED:
+        return fuse(
+            registered, grid, lr_shape, psf,
+            noise=noise, residual_threshold=residual_threshold, stop=stop,
+            start=start, tuning=tuning, learned=learned, most_steps=steps,
+        )  # fmt: skip
+    own = next(view for view in registered if view.is_reference)
+    shape = grid.hr_shape(lr_shape)
+    bound = 2 * noise if settings.residual_bound is None else settings.residual_bound
+    swept = pocs(
+        registered, grid, shape, *psf_axes(psf, grid),
+        initial_estimate(own.observed, grid) if start is None else start,
+        sweeps=min(settings.sweeps, steps or settings.sweeps),
+        residual_bound=bound, residual_threshold=residual_threshold,
+        simplified=settings.solver == Solver.POCS_SIMPLIFIED, stop=stop,
+    )  # fmt: skip
+    taps = sampling_taps(psf, grid)
+    weights = tuple((flags == 0).astype(np.float32) for flags in swept.flags)
+    points = [landing_points(view, grid) for view in registered]
+    density = np.zeros(shape, np.float32)
+    for (x, y), weight in zip(points, weights, strict=True):
+        _count_nearest(x, y, weight, density)
+    some = [(some_rows(x), some_rows(y)) for x, y in points]
+    _, misfits = left_over(swept.estimate, taps, some, registered, swept.flags, weights)
+    return FusedResult(
+        estimate=swept.estimate,
+        weights=weights,
+        flags=swept.flags,
+        misfits=misfits,
+        density=density,
+        iterations=swept.sweeps_done,
+        residuals=swept.residuals,
+        stop_reason=str(swept.stop_reason),
+    )
+
+
+def _count_nearest(
+    x: npt.NDArray[np.float32],
+    y: npt.NDArray[np.float32],
+    weight: npt.NDArray[np.float32],
+    density: npt.NDArray[np.float32],
+) -> None:
+    """Add the weights to the HR pixels nearest to the points, in place."""
+    height, width = density.shape
+    inside = (weight > 0) & (x > -0.5) & (y > -0.5) & (x < width - 0.5) & (y < height - 0.5)
+    rows, columns = np.rint(y[inside]).astype(int), np.rint(x[inside]).astype(int)
+    np.add.at(density, (rows, columns), weight[inside])
+
+
+def _chroma(
+    frame: MultiViewFrame,
+    settings: Settings,
+    target: str,
+    sources: Sequence[str],
+    psf: Psf,
+) -> ChromaImage | None:
+    """Return the colour of a reference view on the HR grid, None for grey input.
+
+    "bicubic" enlarges it; "sr" super-resolves each of its two planes as if it were luma.
+    """
+    view = frame.view(target)
+    if view.chroma is None:
+        return None
+    if settings.chroma == "bicubic":
+        enlarged = [
+            initial_estimate(np.ascontiguousarray(view.chroma[..., plane]), settings.grid)
+            for plane in range(2)
+        ]
+        picture = interleaved(enlarged)
+        return np.clip(picture, 0.0, 255.0, out=picture)
+    planes = []
+    for plane in range(2):
+        views = tuple(
+            replace(other, luma=np.ascontiguousarray(other.chroma[..., plane]), chroma=None)
+            for other in frame.views
+            if other.chroma is not None
+        )
+        registered = register_frame(
+            replace(frame, views=views), replace(settings, noise_sigma=None, filters="none"),
+            targets=(target,), observed_views=tuple(sources), psf=psf,
+        )  # fmt: skip
+        result = reconstruct_frame(registered)
+        planes.append(result.images[target].luma)
+    return np.stack(planes, axis=-1)

@@ -1,0 +1,235 @@
+"""The first half of the work on a frame: its views registered onto the targets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.config import Settings
+from pipeline.effort import FULL, Effort, nearest_views
+from pipeline.errors import SceneError
+from pipeline.frames import MultiViewFrame, View
+from pipeline.reconstruction.psf import Psf
+from pipeline.registration.layers import layer_labels, layer_thresholds
+from pipeline.registration.method import RegistrationMethod
+from pipeline.registration.prepare import PreparedView
+from pipeline.registration.register import (
+    Previous,
+    Thresholds,
+    ViewRegistration,
+    prepare_views,
+    register_some,
+    register_views,
+)
+from pipeline.superresolve.choices import chosen_method, default_weight_threshold, psf_of
+from pipeline.superresolve.memory import Memory
+from pipeline.superresolve.registered import RegisteredFrame
+from pipeline.superresolve.stages import Stages
+from pipeline.temporal.neighbours import with_neighbours
+from pipeline.threads import set_threads, stoppable
+
+PICTURE_LAYERS = 11
+"""Depth layers shown in debug pictures where the method has none of its own (thesis Figure 2)."""
+
+
+def register_frame(
+    frame: MultiViewFrame,
+    settings: Settings,
+    *,
+    targets: tuple[str, ...],
+    observed_views: tuple[str, ...] | None = None,
+    psf: Psf | None = None,
+    keep_intermediates: bool = False,
+    stop: Callable[[], bool] | None = None,
+    memory: Memory | None = None,
+    effort: Effort = FULL,
+    neighbours: Sequence[MultiViewFrame] = (),
+) -> RegisteredFrame:
+    """Do the first half of :func:`superresolve`, which takes the same parameters.
+
+    Of a chain, the next frame may be registered while this one is reconstructed.
+    """
+    set_threads(settings.threads)
+    clock = Stages(stop)
+    sources = observed_views or tuple(view.view_id for view in frame.views)
+    for target in targets:
+        if target not in sources:
+            raise SceneError(
+                "cannot be reconstructed: it is not among the observed views",
+                view=target, frame=frame.frame_index,
+            )  # fmt: skip
+    if effort.views is not None:
+        in_order = [view.view_id for view in frame.views if view.view_id in sources]
+        sources = nearest_views(in_order, targets, effort.views)
+    widened = frame
+    added: tuple[str, ...] = ()
+    if neighbours and effort.views is None:
+        widened, added = with_neighbours(frame, neighbours, sources)
+    observed = (*sources, *added)
+    views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
+    noise = (memory or Memory()).noise(frame, settings, sources)
+    psf = psf or psf_of(settings)
+    method = chosen_method(settings)
+    clock.done("preparation")
+    with stoppable(stop):
+        matches = {} if memory is None else memory.matches(frame, targets, noise)
+        is_other = any(match.is_cut for match in matches.values())
+        has_moved = memory is not None and is_other and memory.has_moved(frame, targets)
+        is_cut = is_other and not has_moved
+        if is_cut and memory is not None:
+            memory.forget()
+            matches, noise = {}, memory.noise(frame, settings, sources)
+        if has_moved and memory is not None:
+            memory.move()
+            matches = {}
+        if memory is not None:
+            frame = memory.averaged(frame, noise)
+            if not added:
+                widened = frame
+            views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
+        previous = None if memory is None else memory.previous
+        keeps_motions = (
+            previous is not None
+            and not effort.register
+            and not has_moved
+            and _covers(previous, targets, observed)
+        )
+        due = known = observed
+        if previous is not None and _covers(previous, targets, observed) and not has_moved:
+            due = _due_views(observed, effort.register_every, previous.turn)
+            known = (*observed, *_left_out(previous, targets, observed))
+        if previous is not None and keeps_motions:
+            found = previous
+            registrations = _with_pixels_of(previous, widened, targets, observed)
+        else:
+            prepared, registrations = _registered(
+                frame, views, targets, known, settings, method, noise, previous, due
+            )
+            found = Previous(prepared=prepared, registrations=registrations, turn=0)
+            if len(due) < len(known):
+                registrations = _with_pixels_of(found, widened, targets, observed)
+    if memory is not None:
+        # motions that are kept stay with the pixels that they were found from
+        memory.keep(
+            found, {target: frame.view(target).luma for target in targets}, frame.frame_index
+        )
+    clock.done("registration")
+    return RegisteredFrame(
+        frame=frame,
+        settings=settings,
+        targets=targets,
+        sources=sources,
+        still={} if memory is None else {target: memory.still[target] for target in targets},
+        psf=psf,
+        noise=noise,
+        registrations=registrations,
+        matches=matches,
+        is_cut=is_cut,
+        has_moved=has_moved,
+        effort=effort,
+        motions_are_kept=keeps_motions,
+        turn=1 if memory is None else memory.turn,
+        layers=_layers_of(found.prepared, method) if keep_intermediates else None,
+        timings=clock.timings,
+    )
+
+
+def _registered(
+    frame: MultiViewFrame,
+    views: Sequence[View],
+    targets: Sequence[str],
+    sources: Sequence[str],
+    settings: Settings,
+    method: RegistrationMethod,
+    noise: float,
+    previous: Previous | None,
+    due: Sequence[str],
+) -> tuple[dict[str, PreparedView], dict[str, list[ViewRegistration]]]:
+    """Return the views prepared and registered; those that are not due keep their motions."""
+    needed = [view for view in views if view.view_id in (*targets, *due)]
+    prepared = prepare_views(needed, metric=frame.depth_is_metric)
+    thresholds = Thresholds(
+        weight=settings.weight_threshold or default_weight_threshold(noise),
+        depth=settings.depth_threshold,
+    )
+    if previous is not None and len(due) < len(sources):
+        prepared = {**previous.prepared, **prepared}
+        return prepared, register_some(
+            prepared, targets, sources, due, method, noise=noise, thresholds=thresholds,
+            previous=previous,
+        )  # fmt: skip
+    known = [
+        source
+        for source in sources
+        if previous is not None and _covers(previous, targets, [source])
+    ]
+    new = [source for source in sources if source not in known]
+    found: dict[str, dict[str, ViewRegistration]] = {target: {} for target in targets}
+    for part, before in ((known, previous), (new, None)):
+        if part:
+            registrations = register_views(
+                prepared, targets, part, method, noise=noise, thresholds=thresholds, previous=before
+            )
+            for target in targets:
+                found[target] |= dict(zip(part, registrations[target], strict=True))
+    return prepared, {target: [found[target][source] for source in sources] for target in targets}
+
+
+def _due_views(sources: Sequence[str], every: int, turn: int) -> tuple[str, ...]:
+    """Return the views whose motions are found anew in this frame.
+
+    >>> [_due_views("abcd", 3, turn) for turn in range(3)]
+    [('a', 'd'), ('c',), ('b',)]
+    """
+    return tuple(name for place, name in enumerate(sources) if (place + turn) % every == 0)
+
+
+def _left_out(
+    previous: Previous, targets: Sequence[str], sources: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the views that were registered onto all targets before, but for these."""
+    names = [one.registered.view_id for one in previous.registrations[targets[0]]]
+    return tuple(
+        name for name in names if name not in sources and _covers(previous, targets, [name])
+    )
+
+
+def _covers(previous: Previous, targets: Sequence[str], sources: Sequence[str]) -> bool:
+    """Return whether all of the sources were registered onto all of the targets before."""
+    return all(
+        set(sources) <= {one.registered.view_id for one in previous.registrations.get(target, ())}
+        for target in targets
+    )
+
+
+def _with_pixels_of(
+    previous: Previous, frame: MultiViewFrame, targets: Sequence[str], sources: Sequence[str]
+) -> dict[str, list[ViewRegistration]]:
+    """Return the previous frame's registrations, unchanged but for the pixels observed."""
+    found: dict[str, list[ViewRegistration]] = {}
+    for target in targets:
+        before = {one.registered.view_id: one for one in previous.registrations[target]}
+        found[target] = []
+        for source in sources:
+            old = before[source]
+            observed = frame.view(source).luma - old.offset
+            found[target].append(
+                replace(old, registered=replace(old.registered, observed=observed))
+            )
+    return found
+
+
+def _layers_of(
+    prepared: Mapping[str, PreparedView], method: RegistrationMethod
+) -> dict[str, npt.NDArray[np.int32]]:
+    """Return the depth layer of every pixel of every view, for pictures."""
+    labels = {}
+    for view_id, view in prepared.items():
+        nearness = view.fine.nearness
+        labels[view_id] = layer_labels(
+            nearness, layer_thresholds(nearness, method.num_layers or PICTURE_LAYERS)
+        )
+    return labels
