@@ -10,6 +10,7 @@ taps for every LR pixel, one set for each of the K phases.
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,7 +77,6 @@ def restoration_of(reference: GreyImage, grid: Grid, psf: Psf, noise: float) -> 
     """Return the filter for a view; parameters are those of :func:`restored`."""
     psf_x, psf_y = psf_axes(psf, grid)
     ratio_x, ratio_y = (_ratio(reference, axis, noise, grid) for axis in (1, 0))
-    ratio_x, ratio_y = (_on_steps(ratio) for ratio in (ratio_x, ratio_y))
     return Restoration(
         along_x=_taps(psf_x, grid.magnification_x, grid.offset_x, ratio_x),
         along_y=_taps(psf_y, grid.magnification_y, grid.offset_y, ratio_y),
@@ -111,14 +111,8 @@ def _ratio(reference: GreyImage, axis: int, noise: float, grid: Grid) -> float:
     differences = np.diff(reference, axis=axis)
     variance = float(np.vdot(differences, differences)) / differences.size - 2 * noise**2
     ratio = SMOOTHNESS * noise**2 * magnification / max(variance, FLATTEST)
-    # so few digits that pictures much alike share their taps
-    return max(float(f"{ratio:.2g}"), SMALLEST_RATIO)
-
-
-@functools.lru_cache(maxsize=64)
-def _on_steps(ratio: float) -> float:
-    """Return ρ to within 2 per cent: one of those whose taps are kept."""
-    return float(2 ** (round(RATIO_STEPS * np.log2(ratio)) / RATIO_STEPS))
+    # on steps, so that pictures much alike share their taps
+    return 2 ** (round(RATIO_STEPS * math.log2(max(ratio, SMALLEST_RATIO))) / RATIO_STEPS)
 
 
 @functools.lru_cache(maxsize=64)
