@@ -62,7 +62,8 @@ class Restoration:
     def apply(self, view: GreyImage, grid: Grid) -> npt.NDArray[np.float32]:
         """Return a view, or a part of it, enlarged and sharpened, (K·H, K·W) float32."""
         out = np.empty(grid.hr_shape((view.shape[0], view.shape[1])), np.float32)
-        image = np.ascontiguousarray(view, np.float32)
+        # a writable copy, for one compilation
+        image = np.array(view, np.float32, order="C")
         starts = range(0, image.shape[0], BAND)
         map_threads(
             lambda lo: kernels.filter_phases(
