@@ -1,5 +1,5 @@
 # make demo    render a small scene, super-resolve it, look at it (demo/)
-# make test    format, lint and tests, JOBS=3 files at once: what .ci/run runs
+# make test    format, lint and tests, JOBS=2 files at once: what .ci/run runs
 # make bench   the benchmark table
 # make soak    2,000 frames: memory flat, quality steady (docs/soak.md); the service under load
 # make quality the tables of quality; DEPTHSR_SCENES names the folder of the real scenes
@@ -16,7 +16,7 @@ SHELL := /bin/bash
 .PHONY: demo test bench soak quality report learn peers lint types lock system clean
 
 PYTHON ?= python3
-JOBS ?= 3
+JOBS ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
