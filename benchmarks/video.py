@@ -142,7 +142,7 @@ class VideoBench:
         first = frames[0]
         self._unit = BicubicUnit([first.view(eye).luma for eye in self._eyes]).seconds()
         self._note("compiling, or loading what is compiled")
-        run_chain(frames[:2], truth[:2], replace(self._settings, temporal="warm"), self._eyes)
+        run_chain(frames[:4], truth[:4], replace(self._settings, temporal="warm"), self._eyes)
         both = self._chains("rig", frames, truth, self._eyes)
         one = self._chains("rig, one eye", frames, truth, self._eyes[:1])
         for name, two, alone in zip(("cold", "warm"), both, one, strict=True):
