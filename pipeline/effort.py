@@ -32,8 +32,8 @@ class Effort:
     previous one is registered all the same."""
 
     register_every: int = 1
-    """The motions of a view are found anew in every so manieth frame, of other views in each, and
-    kept between; ≥ 1."""
+    """Frames from one in which a view's motions are found anew to the next, other views having
+    their turn in each, ≥ 1; between, they are kept."""
 
     alone: bool = False
     """True: what has changed is restored from its own view, what has not stays as it was, and no

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -14,9 +13,6 @@ from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.psf import Psf
 from pipeline.reconstruction.system import HrImage
 from pipeline.temporal.still import Still
-
-CHANGE_REACH = 2
-"""How far a change reaches into what is reconstructed, LR pixels."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,9 +51,7 @@ def restored(
     if before is None:
         estimate = estimate_alone(mean, grid, psf, noise, learned)
         return Restored(estimate=estimate, shown=np.clip(estimate, 0.0, 255.0), frames=count)
-    side = 2 * CHANGE_REACH + 1
-    wanted = cv2.dilate(still.changed.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
-    wanted |= count >= 2 * before.frames
+    wanted = still.touched | (count >= 2 * before.frames)
     alone = estimate_alone(mean, grid, psf, noise, learned, wanted)
     estimate, shown, frames = before.estimate.copy(), before.shown.copy(), before.frames.copy()
     fine = wanted.repeat(grid.magnification_y, 0).repeat(grid.magnification_x, 1)

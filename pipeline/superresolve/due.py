@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from pipeline.config import Solver
 from pipeline.frames import GreyImage
 from pipeline.reconstruction.again import Due
-from pipeline.reconstruction.alone import CHANGE_REACH
 from pipeline.reconstruction.fused import FusedTuning, by_power
 from pipeline.superresolve.memory import Solved
 from pipeline.superresolve.registered import RegisteredFrame
@@ -62,8 +60,7 @@ def parts_due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due
     still = frame.still.get(target)
     if still is None or previous.frames is None or frame.settings.solver != Solver.FUSED:
         return None
-    side = 2 * CHANGE_REACH + 1
-    changed = cv2.dilate(still.changed.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    changed = still.touched
     due = [Due(wanted=changed, noise=frame.noise, tuning=WARM)]
     if due[0].share > MOSTLY_CHANGED:
         return None

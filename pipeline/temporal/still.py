@@ -44,6 +44,9 @@ reach as far as the box: grey levels."""
 WIDE_TOLERATED = 0.4
 """Grey levels by which that mean may differ beside four standard deviations of its noise."""
 
+CHANGE_REACH = 2
+"""How far a change reaches into what is reconstructed, LR pixels."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Still:
@@ -55,6 +58,12 @@ class Still:
     """(H, W): frames that the mean is worth, 1 where something has changed."""
     changed: Mask
     """(H, W): whether the pixel began a new mean with the last frame."""
+
+    @property
+    def touched(self) -> Mask:
+        """(H, W), a new array: what has changed, and what lies within ``CHANGE_REACH`` of it."""
+        side = 2 * CHANGE_REACH + 1
+        return cv2.dilate(self.changed.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
 
 
 def first_seen(luma: GreyImage) -> Still:

@@ -150,7 +150,8 @@ def test_an_eye_of_itself_alone_keeps_what_stands_still_and_no_ghost_of_what_mov
         changed = memory.still[TARGETS[0]].changed.repeat(2, 0).repeat(2, 1)
         moves = changed & (np.abs(now - last) > 1)
         assert 0 < moves.mean() < 0.5
-        assert (now == last)[~cv2.dilate(changed.astype(np.uint8), None, iterations=6) > 0].any()
+        far = cv2.dilate(changed.astype(np.uint8), None, iterations=6) == 0
+        assert (now == last)[far].mean() > 0.8
         cold = _take(frames[number], alone=True).images[TARGETS[0]].luma
         assert np.abs(now - cold)[moves].mean() < 0.2 * np.abs(last - cold)[moves].mean()
         assert _score(result, number) > psnr(_enlarged(frames[number]), _truth(number), border=12)
