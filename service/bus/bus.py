@@ -75,7 +75,7 @@ class Publisher(Declared, Protocol):
 
     @property
     def has_subscribers(self) -> bool:
-        """Whether anybody listens now."""
+        """Whether anybody listens now. True as well while that is not known yet."""
 
 
 class Bus(Protocol):

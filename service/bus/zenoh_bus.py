@@ -202,15 +202,13 @@ class _Declared:
 
 
 class _ZenohPublisher(_Declared):
-    def __init__(self, made: Any) -> None:
-        super().__init__(made)
-        self._matching = False
-        self._listener = made.declare_matching_listener(self._heard)
-        self._matching = bool(made.matching_status)
-
     @property
     def has_subscribers(self) -> bool:
-        return self._matching
+        made = self._made
+        if made is None:
+            return False
+        with _told("matching"):
+            return bool(made.matching_status.matching)
 
     def put(self, payload: bytes, attachment: bytes = b"") -> None:
         made = self._made
@@ -218,14 +216,6 @@ class _ZenohPublisher(_Declared):
             raise BusError("the publisher is closed")
         with _told("put"):
             made.put(payload, attachment=attachment or None)
-
-    def close(self) -> None:
-        with contextlib.suppress(zenoh.ZError):
-            self._listener.undeclare()
-        super().close()
-
-    def _heard(self, status: Any) -> None:
-        self._matching = bool(status.matching)
 
 
 @contextlib.contextmanager

@@ -29,12 +29,27 @@ def buses(request) -> Iterator[tuple[Bus, Bus]]:
         yield one, two
 
 
+def meet(publisher, heard):
+    """Send until it is heard: a subscription may still be on its way, and then nobody is told."""
+    until(lambda: publisher.put(b"there?") or b"there?" in heard)
+    publisher.put(b"there")
+    until(lambda: b"there" in heard)
+    heard.clear()
+
+
 def test_messages_come_in_order_with_all_that_belongs_to_them(buses):
     one, two = buses
-    got = []
-    two.subscribe("depthsr/*/out/**", lambda item: got.append((item, item.read())))
+    got, heard = [], []
+
+    def hear(item):
+        data = item.read()
+        heard.append(data)
+        got.append((item, data))
+
+    two.subscribe("depthsr/*/out/**", hear)
     publisher = one.publisher("depthsr/a/out/sbs", encoding=JPEG, urgent=True)
-    until(lambda: publisher.has_subscribers)
+    meet(publisher, heard)
+    got.clear()
     for number in range(20):
         publisher.put(bytes([number]) * (number + 1), attachment=b"%d" % number)
         until(lambda number=number: len(got) == number + 1)
@@ -51,14 +66,26 @@ def test_a_subscription_ends(buses):
     got = []
     subscription = two.subscribe("depthsr/a/status", lambda item: got.append(item.read()))
     publisher = one.publisher("depthsr/a/status", encoding=JSON)
-    until(lambda: publisher.has_subscribers)
+    meet(publisher, got)
     publisher.put(b"1")
     until(lambda: got == [b"1"])
+    assert publisher.has_subscribers
     subscription.close()
     subscription.close()
     until(lambda: not publisher.has_subscribers)
     publisher.put(b"2")
     assert got == [b"1"]
+
+
+def test_that_nobody_listens_is_known(buses):
+    """What is asked for by nobody is not encoded."""
+    one, two = buses
+    publisher = one.publisher("depthsr/a/out/left", encoding=JPEG)
+    until(lambda: not publisher.has_subscribers)
+    subscription = two.subscribe("depthsr/a/out/left", lambda item: None)
+    until(lambda: publisher.has_subscribers)
+    subscription.close()
+    until(lambda: not publisher.has_subscribers)
 
 
 def test_questions_are_answered_by_everybody_they_meet(buses):
@@ -121,11 +148,18 @@ def test_a_message_larger_than_allowed_goes_nowhere_and_harms_nobody():
         ZenohBus(BusConfig(connect=router.listening)) as polite,
         ZenohBus(BusConfig(connect=router.listening)) as listener,
     ):
-        got = []
-        listener.subscribe("depthsr/*/in/*/*", lambda item: got.append((item.key, item.size)))
+        got, heard = [], []
+
+        def hear(item):
+            got.append((item.key, item.size))
+            heard.append(item.read())
+
+        listener.subscribe("depthsr/*/in/*/*", hear)
         large = rude.publisher("depthsr/a/in/x/color", encoding=JPEG)
         small = polite.publisher("depthsr/b/in/x/color", encoding=JPEG)
-        until(lambda: large.has_subscribers and small.has_subscribers)
+        meet(large, heard)
+        meet(small, heard)
+        got.clear()
         large.put(bytes(20 << 20))
         for number in range(5):
             small.put(b"ok")
