@@ -93,6 +93,7 @@ $(BIN)/python:
 $(RUN): requirements.lock pyproject.toml | $(BIN)/python
 	$(PIP) install --require-hashes -r requirements.lock
 	$(PIP) install --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m compileall -q pipeline service dscqs  # where Python may keep no byte code, too
 	@touch $@
 
 $(DEV): requirements-dev.lock $(RUN)

@@ -9,8 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from pipeline.config import REGISTRATION_PRESETS, Settings, Solver
-from pipeline.frames import MultiViewFrame, View
-from pipeline.freeview import Place
+from pipeline.frames import MultiViewFrame, Place, View
 from pipeline.registration.inverse import inverted
 from pipeline.registration.method import METHODS
 from pipeline.registration.register import Thresholds, prepare_views, register_view

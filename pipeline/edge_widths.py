@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr
+import scipy  # what it has loads when it is named: few jobs come here
 
 from pipeline.frames import GreyImage, RegisteredView
 from pipeline.grid import Grid
@@ -301,7 +301,7 @@ def _profile(parameters: Values, across: Values, along: Values) -> tuple[Values,
     width = np.exp(log_width)
     distance = across - place - tilt * along
     ratio = distance / width
-    share = ndtr(ratio)
+    share = scipy.special.ndtr(ratio)
     density = np.exp(-0.5 * ratio**2) / np.sqrt(2 * np.pi)
     rising = distance * share + width * density
     profile = level + step * share + before * (distance - rising) + behind * rising

@@ -137,6 +137,17 @@ class MultiViewFrame:
         return height, width
 
 
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where a view is that no camera took."""
+
+    left: str
+    """Id of the camera's view to the left of it."""
+    right: str
+    at: float
+    """Share of the way from the left one to the right one, above 0 and below 1."""
+
+
 class Rejection(IntFlag):
     """Why an LR pixel is not trusted as a constraint (thesis §2.2, Eq. 4); 0 is trusted."""
 

@@ -32,17 +32,6 @@ SAME_SURFACE = 1.5
 """Distance, HR pixels, within which what two neighbours say of a place is one surface."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Place:
-    """Where a view is that no camera took."""
-
-    left: str
-    """Id of the camera's view to the left of it."""
-    right: str
-    at: float
-    """Share of the way from the left one to the right one, above 0 and below 1."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Neighbour:
     """One of the two views that the new one lies between."""

@@ -19,8 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
-from scipy.special import log_ndtr
+import scipy  # what it has loads when it is named: few jobs come here
 
 from pipeline.config import Settings
 from pipeline.edge_widths import EdgeWidths, measure_edges
@@ -127,7 +126,7 @@ def _curve(
     if best in (0, sigmas.size - 1):
         reason = f"the best σ lies beyond the range tried ({sigmas[0]:.2f} to {sigmas[-1]:.2f})"
         return _unknown(target, unit, default, reason, layer=layer, misfits=costs - costs.min())
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         _cost, args=(edges, unit), bounds=(sigmas[best - 1], sigmas[best + 1]), method="bounded"
     )
     sigma, least = (found.x, found.fun) if found.fun < costs[best] else (sigmas[best], costs[best])
@@ -164,7 +163,7 @@ def _log_density(
 ) -> npt.NDArray[np.float64]:
     """Return the log density of an exponential variable plus a normal one of deviation error."""
     return np.asarray(
-        log_ndtr(value / error - error / mean)
+        scipy.special.log_ndtr(value / error - error / mean)
         + 0.5 * (error / mean) ** 2 - value / mean - np.log(mean)
     )  # fmt: skip
 

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from pipeline.effort import FULL, Effort
 from pipeline.frames import ChromaImage, GreyImage, RegisteredView, frozen
-from pipeline.temporal.initial import StartChoice
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +46,19 @@ class ViewReport:
     """Median |registration weight| over registered pixels, grey levels; NaN where none."""
     residual_rms: float
     """RMS of observed − simulated over trusted pixels after the solve, grey levels; NaN: none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartChoice:
+    """How a frame's reconstruction started."""
+
+    warm_share: float
+    """Share of blocks that start from the previous result, 0..1."""
+    is_cut: bool
+    """Whether too few blocks matched, so that the whole frame starts cold."""
+    has_moved: bool = False
+    """Whether so few matched because the camera has moved: the reconstruction starts cold, in fewer
+    steps, the registration from how the views stood to one another."""
 
 
 @dataclass(frozen=True, kw_only=True)

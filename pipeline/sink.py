@@ -12,7 +12,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Protocol
 
-from pipeline.freeview import Place
+from pipeline.frames import Place
 from pipeline.grid import Grid
 from pipeline.job import OutputOptions, Segment
 from pipeline.results import FrameResult

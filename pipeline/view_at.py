@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.errors import ConfigurationError
-from pipeline.frames import GreyImage, MultiViewFrame, RegisteredView
-from pipeline.freeview import Neighbour, Place, between, hr_motion
+from pipeline.frames import GreyImage, MultiViewFrame, Place, RegisteredView
+from pipeline.freeview import Neighbour, between, hr_motion
 from pipeline.grid import Grid
 from pipeline.media.info import SceneInfo
 from pipeline.results import FrameResult, SuperResolvedImage

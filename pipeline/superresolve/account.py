@@ -14,8 +14,7 @@ from pipeline.reconstruction.fused import some_rows
 from pipeline.reconstruction.median import median_magnitude
 from pipeline.registration.method import Layout, RegistrationMethod
 from pipeline.registration.verification import count_rejections
-from pipeline.results import TargetReport, ViewReport
-from pipeline.temporal.initial import StartChoice
+from pipeline.results import StartChoice, TargetReport, ViewReport
 
 SEES_NOTHING = 0.02
 """Trusted share of a view below which it is said to see nothing."""

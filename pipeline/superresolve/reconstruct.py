@@ -31,7 +31,14 @@ from pipeline.reconstruction.fused import (
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.pocs import pocs
 from pipeline.reconstruction.psf import Psf, psf_axes, sampling_taps
-from pipeline.results import FrameReport, FrameResult, SuperResolvedImage, TargetDebug, TargetReport
+from pipeline.results import (
+    FrameReport,
+    FrameResult,
+    StartChoice,
+    SuperResolvedImage,
+    TargetDebug,
+    TargetReport,
+)
 from pipeline.superresolve.account import (
     remark_of,
     report_alone,
@@ -50,7 +57,7 @@ from pipeline.superresolve.memory import Memory, Solved
 from pipeline.superresolve.register import register_frame
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.superresolve.stages import Stages
-from pipeline.temporal.initial import StartChoice, warped
+from pipeline.temporal.initial import warped
 from pipeline.threads import map_threads, set_threads, stoppable
 
 

@@ -15,6 +15,7 @@ from numba import njit
 
 from pipeline.frames import GreyImage, Mask
 from pipeline.grid import Grid
+from pipeline.results import StartChoice
 
 BLOCK = 8
 """Side of a block, LR pixels."""
@@ -38,19 +39,6 @@ CUT = 0.35
 GLANCE = 4
 """One row of blocks in so many is matched first; where not half of ``CUT`` of them are, no other
 is."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class StartChoice:
-    """How a frame's reconstruction started."""
-
-    warm_share: float
-    """Share of blocks that start from the previous result, 0..1."""
-    is_cut: bool
-    """Whether too few blocks matched, so that the whole frame starts cold."""
-    has_moved: bool = False
-    """Whether so few matched because the camera has moved: the reconstruction starts cold, in fewer
-    steps, the registration from how the views stood to one another."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

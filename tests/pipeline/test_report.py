@@ -20,8 +20,7 @@ from pipeline.report import (
     to_plain,
     versions,
 )
-from pipeline.results import FrameReport, TargetReport, ViewReport
-from pipeline.temporal.initial import StartChoice
+from pipeline.results import FrameReport, StartChoice, TargetReport, ViewReport
 
 VIEW = ViewReport(
     view_id="cam1",

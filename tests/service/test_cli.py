@@ -176,9 +176,10 @@ def test_help_names_every_setting_with_its_unit():
     [
         ("from service.cli import make_parser\nmake_parser().format_help()",
          {"numpy", "cv2", "av", "numba", "scipy"}),
-        ("import service.app", {"matplotlib", "scipy.stats", "fpdf"}),
+        ("import service.app", {"matplotlib", "numba", "scipy", "fpdf"}),
+        ("import service.worker_process, pipeline.run", {"fastapi", "scipy.optimize"}),
     ],
-    ids=["help", "a service"],
+    ids=["help", "a service", "a worker"],
 )  # fmt: skip
 def test_what_begins_fast_imports_nothing_heavy(what, heavy):
     done = subprocess.run(
