@@ -17,7 +17,7 @@ from tests.support.browser import PATIENCE_MS
 __all__ = ["http", "make_http", "operator", "served", "stimuli"]
 
 WIDTH, HEIGHT = 600, 620
-TIMING = {"show_s": 0.4, "grey_s": 0.3, "vote_s": 60, "showings": 1, "tolerance_s": 20}
+TIMING = {"show_s": 0.2, "grey_s": 0.1, "vote_s": 60, "showings": 1, "tolerance_s": 20}
 """A loaded machine may be late; how late it was is looked at by the tests that are about it."""
 
 LONG = {**TIMING, "show_s": 3, "grey_s": 0.5}

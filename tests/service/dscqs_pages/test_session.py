@@ -83,7 +83,8 @@ def test_a_whole_session(enter, make_test, operator, plan):
 
 
 def test_what_the_page_says_of_time_is_what_was_drawn(enter, make_test, operator, plan):
-    test = make_test({**plan, "grey": 74, "timing": {**TIMING, "show_s": 0.7, "showings": 2}})
+    timing = {**TIMING, "show_s": 0.7, "grey_s": 0.3, "showings": 2}
+    test = make_test({**plan, "grey": 74, "timing": timing})
     seat = enter(test)
     seat.come_to_vote()
     shown = logs_of(operator, test)[-1]
