@@ -54,7 +54,9 @@ REASONS: tuple[tuple[Rejection, Colour, str], ...] = (
 """Colour and name of each reason; a pixel with several shows the first of this list."""
 
 
-def write_debug_pictures(folder: Path, result: FrameResult, grid: Grid) -> list[Path]:
+def write_debug_pictures(
+    folder: Path, result: FrameResult, grid: Grid, *, check: Callable[[], None] = lambda: None
+) -> list[Path]:
     """Write the pictures of a frame, and return their paths.
 
     Parameters
@@ -65,25 +67,35 @@ def write_debug_pictures(folder: Path, result: FrameResult, grid: Grid) -> list[
         With intermediates.
     grid : Grid
         The HR grid of its images.
+    check : callable
+        Called before each picture is drawn; it raises what is to end the work.
     """
     written = []
     for view_id, debug in result.debug.items():
-        pictures = {
-            "layers": layers_picture(debug),
-            "patches": patches_picture(debug),
-            "registration-weights": registration_weights_picture(debug),
-            "verification": verification_picture(debug),
-            "solver-weights": solver_weights_picture(debug),
-            "contributions": contribution_picture(debug),
-            "before-after": before_after_picture(debug, result.images[view_id], grid),
-        }
         safe = re.sub(r"[^\w.-]", "_", view_id)
-        for name, picture in pictures.items():
+        for name, draw in _pictures(result.images[view_id], grid).items():
+            check()
+            picture = draw(debug)
             if picture is not None:
                 path = folder / f"frame-{result.frame_index:06d}-{safe}-{name}.png"
                 drawing.save(path, drawing.framed(picture))
                 written.append(path)
     return written
+
+
+def _pictures(
+    image: SuperResolvedImage, grid: Grid
+) -> dict[str, Callable[[TargetDebug], Canvas | None]]:
+    """Return what draws each picture, by its name."""
+    return {
+        "layers": layers_picture,
+        "patches": patches_picture,
+        "registration-weights": registration_weights_picture,
+        "verification": verification_picture,
+        "solver-weights": solver_weights_picture,
+        "contributions": contribution_picture,
+        "before-after": lambda debug: before_after_picture(debug, image, grid),
+    }
 
 
 def layers_picture(debug: TargetDebug) -> Canvas | None:

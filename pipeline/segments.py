@@ -203,7 +203,9 @@ class LocalEngine:
                 }
                 if debug_dir is not None:
                     begin = clock()
-                    write_debug_pictures(debug_dir, item.result, work.job.settings.grid)
+                    write_debug_pictures(
+                        debug_dir, item.result, work.job.settings.grid, check=stop.check
+                    )
                     account["timings"]["debug pictures"] = clock() - begin
                 if item.realtime is not None:
                     account["realtime"] = to_plain(item.realtime)

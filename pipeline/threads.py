@@ -16,6 +16,7 @@ from typing import TypeVar
 
 import cv2
 import threadpoolctl
+from numba.core import event
 
 from pipeline.errors import Interrupted
 
@@ -72,19 +73,40 @@ def thread_pool() -> ThreadPoolExecutor:
 
 @contextmanager
 def stoppable(stop: Callable[[], bool] | None) -> Iterator[None]:
-    """Let :func:`map_threads`, called by this thread, end early: ``stop`` is asked per item.
+    """Let what this thread does end early, and what :func:`map_threads` does for it.
+
+    ``stop`` is asked before each item of :func:`map_threads`, and before each pass of numba's
+    where a kernel has to be compiled first, which takes seconds.
 
     Raises
     ------
     Interrupted
-        Out of :func:`map_threads`, once ``stop`` says so.
+        Out of the body, once ``stop`` says so.
     """
     before = getattr(_state, "stop", None)
     _state.stop = stop or before
     try:
-        yield
+        with event.install_listener("numba:run_pass", _PassListener()):
+            yield
     finally:
         _state.stop = before
+
+
+class _PassListener(event.Listener):
+    """Ends a compilation of a thread that is to stop."""
+
+    def on_start(self, event: object) -> None:
+        _check_stop()
+
+    def on_end(self, event: object) -> None:
+        """A pass that has ended is none to be left out."""
+
+
+def _check_stop() -> None:
+    """Raise Interrupted where what this thread does is no longer wanted."""
+    stop = getattr(_state, "stop", None)
+    if stop is not None and stop():
+        raise Interrupted
 
 
 def map_threads(
@@ -112,19 +134,18 @@ def map_threads(
     stop = getattr(_state, "stop", None)
 
     def unless_stopped(item: Item) -> Result:
-        if stop is not None and stop():
-            raise Interrupted
+        _check_stop()
         return function(item)
 
     if limit <= 1 or getattr(_state, "inside", False):
         return [unless_stopped(item) for item in work]
 
     def guarded(item: Item) -> Result:
-        _state.inside = True
+        _state.inside, _state.stop = True, stop
         try:
             return unless_stopped(item)
         finally:
-            _state.inside = False
+            _state.inside, _state.stop = False, None
 
     pool = thread_pool()
     if limit >= thread_count():

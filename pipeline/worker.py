@@ -117,10 +117,11 @@ class Worker:
     ) -> RegisteredFrame:
         """Do the first half of the next frame; after an error the chain starts anew."""
         try:
-            return register_frame(
-                frame, self.settings, targets=self._targets, stop=self._stop, memory=self._memory,
-                neighbours=neighbours, **self._arguments,
-            )  # fmt: skip
+            with stoppable(self._stop):
+                return register_frame(
+                    frame, self.settings, targets=self._targets, stop=self._stop,
+                    memory=self._memory, neighbours=neighbours, **self._arguments,
+                )  # fmt: skip
         except BaseException:
             self.reset()
             raise
@@ -128,7 +129,8 @@ class Worker:
     def reconstruct(self, registered: RegisteredFrame) -> FrameResult:
         """Do the second half of a frame that is registered."""
         try:
-            return reconstruct_frame(registered, stop=self._stop, memory=self._memory)
+            with stoppable(self._stop):
+                return reconstruct_frame(registered, stop=self._stop, memory=self._memory)
         except BaseException:
             self.reset()
             raise

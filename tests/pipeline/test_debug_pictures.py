@@ -15,6 +15,7 @@ from pipeline.debug_pictures import (
     write_debug_pictures,
 )
 from pipeline.drawing import curve_plot, diverging, heat, label_colours, text_width, titled
+from pipeline.errors import Interrupted
 from pipeline.frames import RegisteredView, Rejection
 from pipeline.results import FrameReport, FrameResult, SuperResolvedImage, TargetDebug
 
@@ -80,6 +81,19 @@ def test_a_single_view_has_pictures_of_itself_only(tmp_path):
     written = write_debug_pictures(tmp_path, _result(20, 31, ("a",)), Settings().grid)
     names = {path.stem.split("a-", 1)[1] for path in written}
     assert names == {"layers", "patches", "solver-weights", "contributions", "before-after"}
+
+
+def test_a_stop_is_heeded_before_each_picture(tmp_path):
+    """All of a large frame take seconds."""
+    left = iter(range(3))
+
+    def check():
+        if next(left, None) is None:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        write_debug_pictures(tmp_path, _result(20, 31, ("a", "b")), Settings().grid, check=check)
+    assert len(list(tmp_path.iterdir())) == 3
 
 
 def test_every_reason_has_a_colour_of_its_own():

@@ -10,11 +10,20 @@ from pathlib import Path
 import cv2
 import pytest
 import threadpoolctl
+from numba import njit
+from numba.core import event
 
 from pipeline.config import Settings
+from pipeline.errors import Interrupted
 from pipeline.superresolve import superresolve
 from pipeline.synthetic import SampleScene
-from pipeline.threads import available_cores, map_threads, set_threads, thread_count
+from pipeline.threads import (
+    available_cores,
+    map_threads,
+    set_threads,
+    stoppable,
+    thread_count,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -105,3 +114,44 @@ def test_a_limit_below_the_pool_is_kept():
     map_threads(busy, range(40), threads=2)
     assert max(most) <= 2
     assert len(most) == 40
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_stop_ends_a_compilation_and_the_next_call_compiles(threads):
+    """Compiled whole, kernels keep whoever has asked to stop waiting for many seconds."""
+    set_threads(threads)
+    stop, passes = threading.Event(), []
+
+    class StopsAtThird(event.Listener):
+        def on_start(self, event):
+            passes.append(event.data["name"])
+            if len(passes) == 3:
+                stop.set()
+
+        def on_end(self, event):
+            pass
+
+    @njit
+    def kernel(number):
+        return number + 1
+
+    with event.install_listener("numba:run_pass", StopsAtThird()):
+        with pytest.raises(Interrupted), stoppable(stop.is_set):
+            map_threads(kernel, range(threads))
+        assert len(passes) < 6
+        stop.clear()
+        with stoppable(stop.is_set):
+            assert map_threads(kernel, range(2)) == [1, 2]
+
+
+def test_what_is_not_asked_to_stop_compiles_beside_what_is():
+    @njit
+    def kernel(number):
+        return number - 1
+
+    found = []
+    with stoppable(lambda: True):
+        other = threading.Thread(target=lambda: found.append(kernel(3)))
+        other.start()
+        other.join()
+    assert found == [2]

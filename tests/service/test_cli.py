@@ -189,6 +189,20 @@ def test_what_begins_fast_imports_nothing_heavy(what, heavy):
     assert heavy.isdisjoint(done.stdout.split())
 
 
+def test_nothing_is_looked_for_at_the_very_end():
+    """A search for garbage among all that numba has made takes most of a second."""
+    program = (
+        "import atexit, gc\n"
+        "from service.cli import main\n"
+        "atexit.register(lambda: print(gc.get_freeze_count() > 0))\n"
+        "main(['--version'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "True"
+
+
 def test_version():
     done = depthsr("--version")
     assert (done.returncode, done.stdout.split()[0]) == (0, "depthsr")
