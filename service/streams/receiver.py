@@ -36,9 +36,9 @@ class Unit:
     capture_time_ns: int
     published_time_ns: int
     missed: int = 0
-    """Messages that were lost before this one."""
+    """Messages that were lost between this one and the last that could be used."""
     is_new_run: bool = False
-    """Whether another worker made it than the one before."""
+    """Whether another worker made it than the last that could be used."""
 
 
 class Receiver:
@@ -62,7 +62,10 @@ class Receiver:
         """Messages lost so far."""
         self.skipped = 0
         """Messages that could not be used without the lost ones."""
-        self._last: Unit | None = None
+        self._last: tuple[int, int] | None = None
+        """Run and sequence of the last message."""
+        self._gap = 0
+        self._is_new_run = False
         self._needs_key = which is Output.SBS
         self._subscription = bus.subscribe(keys.output(stream, which), self._hear)
 
@@ -110,19 +113,25 @@ class Receiver:
         said = read_output_header(attachment)
         if said is None:
             return None
-        last = self._last
-        is_new_run = last is not None and said["run"] != last.run
-        missed = 0 if last is None else said["sequence"] - last.sequence - 1
-        if missed < 0 and not is_new_run:
+        run, sequence = said["run"], said["sequence"]
+        last_run, last_sequence = self._last or (run, sequence - 1)
+        missed = sequence - last_sequence - 1
+        if missed < 0 and run == last_run:
             return None  # we have it from the answer to our question
         missed = max(0, missed)
         self.missed += missed
-        if self._which is Output.SBS and (missed or is_new_run):
+        self._gap += missed
+        self._is_new_run |= run != last_run
+        self._last = (run, sequence)
+        if self._which is Output.SBS and (missed or run != last_run):
             self._needs_key = True
+        if self._needs_key and not said["key"]:
+            self.skipped += 1
+            return None
         unit = Unit(
             data=read(),
-            sequence=said["sequence"],
-            run=said["run"],
+            sequence=sequence,
+            run=run,
             frame_index=said["frame_index"],
             position=said["position"],
             is_key=bool(said["key"]),
@@ -131,14 +140,10 @@ class Receiver:
             height=said["height"],
             capture_time_ns=said["capture_time_ns"],
             published_time_ns=said["published_time_ns"],
-            missed=missed,
-            is_new_run=is_new_run,
+            missed=self._gap,
+            is_new_run=self._is_new_run,
         )
-        self._last = unit
-        if self._needs_key and not unit.is_key:
-            self.skipped += 1
-            return None
-        self._needs_key = False
+        self._gap, self._is_new_run, self._needs_key = 0, False, False
         return unit
 
 
