@@ -29,6 +29,7 @@ from pipeline.media.scene import (
     confined,
 )
 from pipeline.media.yuv import RawVideoFile
+from pipeline.stereo import pad_to_multiple
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +55,8 @@ class PictureReader(Protocol):
     """What the file says; None: nothing."""
     is_still: bool
     """True for a single image file."""
+    repeats_line: bool
+    """Whether the last row or column is one that is there once more."""
 
     def picture(self, frame_index: int) -> Picture:
         """Return the picture of that source frame number as luma and chroma."""
@@ -125,6 +128,8 @@ def open_reader(
 
 class ImageFilesReader:
     """Image files by pattern, or one image."""
+
+    repeats_line = False
 
     def __init__(
         self, root: Path, files: ImageFiles, first_frame: int, frame_count: int | None
@@ -200,6 +205,7 @@ class _StreamReader:
     """What readers of one file with many frames share."""
 
     is_still = False
+    repeats_line = False
 
     def __init__(self, path: Path, first_frame: int, num_frames: int) -> None:
         self._path, self._first = path, first_frame
@@ -248,26 +254,29 @@ class VideoFileReader(_StreamReader):
 
 
 class PackedEyeReader(VideoFileReader):
-    """One half of the pictures of a video file."""
+    """One half of the pictures of a video file; of an odd number of lines the last is repeated."""
 
     def __init__(self, video: VideoReader, eye: PackedEye, first_frame: int) -> None:
         super().__init__(video, first_frame)
         video.keeps_last = True
         width, height = video.width, video.height
-        if eye.layout.is_horizontal:
-            width //= 2
-        else:
-            height //= 2
-        if not width or not height:
+        side = width if eye.layout.is_horizontal else height
+        if side < 2:
             raise SceneError(f"too small to hold two views ({eye.layout.value})", path=video.path)
+        self.repeats_line = bool(side % 2)
+        half = (side + 1) // 2
+        if eye.layout.is_horizontal:
+            width, self._multiples = half, (1, 2)
+        else:
+            height, self._multiples = half, (2, 1)
         self.form = PictureForm(
             width=width,
             height=height,
             is_color=video.is_color,
             bit_depth=video.bit_depth,
         )
-        row = video.height - height if eye.second and not eye.layout.is_horizontal else 0
-        column = video.width - width if eye.second and eye.layout.is_horizontal else 0
+        row = height if eye.second and not eye.layout.is_horizontal else 0
+        column = width if eye.second and eye.layout.is_horizontal else 0
         self._window = (slice(row, row + height), slice(column, column + width))
 
     def pass_over(self, frame_index: int) -> None:
@@ -277,13 +286,16 @@ class PackedEyeReader(VideoFileReader):
         """Return the half of that frame, as new arrays."""
         whole = super().picture(frame_index)
         return Picture(
-            luma=whole.luma[self._window].copy(),
-            chroma=None if whole.chroma is None else whole.chroma[self._window].copy(),
+            luma=self._half(whole.luma),
+            chroma=None if whole.chroma is None else self._half(whole.chroma),
         )
 
     def samples(self, frame_index: int) -> npt.NDArray:
         """Return the stored values of the half of that frame."""
-        return super().samples(frame_index)[self._window].copy()
+        return self._half(super().samples(frame_index))
+
+    def _half(self, whole: npt.NDArray) -> npt.NDArray:
+        return pad_to_multiple(whole, *self._multiples)[self._window].copy()
 
 
 class RawVideoReader(_StreamReader):

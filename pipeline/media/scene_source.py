@@ -159,6 +159,8 @@ class SceneSource:
             notes.append(f"no depth in: {', '.join(lacking)}; it is estimated from the neighbours")
         if len({form.is_color for form in forms}) > 1:
             notes.append("some views are grey and some in colour; grey ones get neutral colour")
+        if any(view.color.repeats_line for view in self._views):
+            notes.append("an odd number of lines for two eyes; the last one is repeated")
         given = description.depth if any(has_depth) else None
         packed = self._views[0].description.color
         layout = packed.layout if isinstance(packed, PackedEye) else None

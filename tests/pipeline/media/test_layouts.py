@@ -354,11 +354,40 @@ def test_names_tell_top_bottom(tmp_path, name, size, layout):
         assert halves(source) == ["red", "blue"]
 
 
-def test_odd_widths_leave_out_the_middle_column(tmp_path):
-    path = write_stereo(tmp_path / "a_sbs.mkv", (9, 31), codec="ffv1")
-    source = open_scene(path, input_layout="sbs")
-    assert source.info.lr_shape == (9, 15)
-    assert halves(source) == ["red", "blue"]
+@pytest.mark.parametrize(
+    ("layout", "size", "eye"),
+    [
+        ("sbs", (9, 31), (9, 16)), ("half-sbs", (9, 31), (9, 16)),
+        ("tab", (31, 9), (16, 9)), ("half-tab", (31, 9), (16, 9)),
+        ("sbs", (9, 32), (9, 16)), ("tab", (32, 9), (16, 9)),
+    ],
+)  # fmt: skip
+def test_of_an_odd_number_of_lines_none_is_lost_and_the_last_is_repeated(
+    tmp_path, layout, size, eye
+):
+    """As many as an encoder that cuts the last one off leaves of two eyes."""
+    picture = np.random.default_rng(2).integers(0, 256, (*size, 3), np.uint8)
+    path = tmp_path / "a.mkv"
+    with av.open(str(path), "w") as output:
+        stream = output.add_stream("ffv1", rate=Fraction(24))
+        stream.height, stream.width, stream.pix_fmt = *size, "bgr0"
+        output.mux(
+            stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24").reformat(format="bgr0"))
+        )
+        output.mux(stream.encode())
+    with open_scene(path, input_layout=layout) as source:
+        assert source.info.lr_shape == eye
+        seen = [to_rgb(view.luma, view.chroma, 8) for view in source.read(0).views]
+        is_said = any("the last one is repeated" in note for note in source.info.warnings)
+    axis = 1 if "sbs" in layout else 0
+    whole = np.concatenate(seen, axis=axis)
+    expected = np.pad(
+        picture,
+        [(0, large - small) for large, small in zip(whole.shape, picture.shape, strict=True)],
+        mode="edge",
+    )
+    assert np.abs(whole.astype(int) - expected).max() <= 1
+    assert is_said == (size[axis] % 2 == 1)
 
 
 # nothing that is known
