@@ -36,6 +36,8 @@ class Master:
     """Source frame number of its first picture."""
     layout: StereoLayout
     """``sbs``, ``left`` or ``right``."""
+    pixel_aspect: Fraction = Fraction(1)
+    """Width over height of a pixel as shown."""
 
 
 def export(
@@ -69,6 +71,7 @@ def export(
             fps=master.fps,
             codec=None if output.codec is None else VideoCodec(output.codec),
             crf=output.quality,
+            pixel_aspect=master.pixel_aspect,
         )
         check_writable(output.output)
         remove_leftovers(output.output)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 
 from pipeline.errors import OutputError
@@ -54,8 +55,9 @@ def master_in(folder: Path) -> Master:
     if info is None or not path.is_file():
         raise OutputError("there is no lossless master to export from")
     return Master(
-        path=path, fps=info.rate, first_frame=info.first_frame, layout=StereoLayout(info.layout)
-    )
+        path=path, fps=info.rate, first_frame=info.first_frame,
+        layout=StereoLayout(info.layout), pixel_aspect=Fraction(info.pixel_aspect),
+    )  # fmt: skip
 
 
 def master_plan(plan: OutputPlan, path: Path) -> OutputPlan:

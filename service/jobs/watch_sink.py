@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -164,12 +165,16 @@ class WatchSink:
         place = segment.index * self._plan.options.segment_length
         both = len(self._eyes) == 2
         alone = StereoLayout.RIGHT if self._eyes[0] == self._plan.right else StereoLayout.LEFT
+        grid, aspect = self._plan.grid, self._plan.pixel_aspect
+        if track == "before":
+            aspect *= Fraction(grid.magnification_x, grid.magnification_y)
         info = TrackInfo(
             fps=f"{self._plan.fps.numerator}/{self._plan.fps.denominator}",
             layout=StereoLayout.SBS if both else alone,
             eye_height=shape[0],
             eye_width=shape[1],
             first_frame=segment.start - place,
+            pixel_aspect=str(aspect),
         )
         return TrackWriter(
             self._folder / track,

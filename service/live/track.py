@@ -47,6 +47,8 @@ class TrackInfo:
     eye_height: int
     first_frame: int
     """Source frame number of the first picture."""
+    pixel_aspect: str = "1"
+    """Width over height of a pixel as shown, as ``N/D``."""
 
     @property
     def rate(self) -> Fraction:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import io
+import json
 import zipfile
 from contextlib import closing
+from fractions import Fraction
 
 import httpx
+import numpy as np
 import pytest
 
 from pipeline.media.decode import VideoReader
+from pipeline.media.encode import join_segments, write_segment
+from pipeline.media.video_format import VideoFormat
+from pipeline.stereo import StereoLayout
 from service.cli import main
 from tests.service.http.test_api import follow, is_problem
 
@@ -90,6 +96,26 @@ def test_forms_asked_for_at_the_start_come_with_the_results(api):
     assert _names(api, job) == {
         "tiny_3D_SBS_LR.mkv", "tiny_anaglyph.webm", "tiny_3D_TAB.mp4", "report.json"
     }  # fmt: skip
+
+
+def test_eyes_that_stay_squeezed_are_exported_in_their_shape(api, tmp_path):
+    squeezed = tmp_path / "a_3D_HSBS_LR.mkv"
+    form = VideoFormat.for_path(squeezed, layout=StereoLayout.HALF_SBS, fps=Fraction(5))
+    eyes = np.random.default_rng(7).integers(0, 256, (2, 32, 96, 3), np.uint8)
+    write_segment(tmp_path / "segment.mkv", form, [tuple(eyes)], first_frame=0)
+    join_segments([tmp_path / "segment.mkv"], squeezed, form)
+    asked = {"settings": {"magnification": "2"}, "exports": [{"layout": "tab", "container": "mp4"}]}
+    files = [("files", (squeezed.name, squeezed.read_bytes()))]
+    job = api.post("/api/v1/jobs", files=files, data={"job": json.dumps(asked)}).json()["id"]
+    assert follow(api, job)[-1]["kind"] == "succeeded"
+    shapes = {}
+    for item in api.get(f"/api/v1/jobs/{job}/results").json():
+        if item["name"].startswith("a_"):
+            path = tmp_path / item["name"]
+            path.write_bytes(api.get(item["url"]).content)
+            with closing(VideoReader(path)) as video:
+                shapes[path.suffix] = (video.width, video.height, video.pixel_aspect)
+    assert shapes == {".mkv": (192, 64, 2), ".mp4": (96, 128, 2)}
 
 
 def test_what_cannot_be_written_is_refused_at_once(api):
