@@ -154,8 +154,8 @@ def _add_psf(commands: Any) -> None:
     parser = commands.add_parser(
         "psf",
         help="estimate the point spread function of a scene",
-        description="Estimate the point spread function (PSF) of a scene from itself, "
-        "and print the curve it was read from.",
+        description="Estimate the point spread function (PSF) of a scene from one frame, the "
+        "first of the range, and print the curve it was read from.",
     )
     parser.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
     parser.add_argument(
@@ -169,8 +169,12 @@ def _add_psf(commands: Any) -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="JSON file to write the curve to")
     add_options(parser, InputOptions)
     add_options(
-        parser, Settings, leave_out=("psf", "psf_sigma", "solver", "sweeps", "residual_bound")
-    )
+        parser, Settings,
+        leave_out=(
+            "psf", "psf_sigma", "solver", "sweeps", "residual_bound", "residual_threshold",
+            "filters", "chroma", "temporal", "temporal_window", "realtime", "rate",
+        ),
+    )  # fmt: skip
     add_talk(parser)
     parser.set_defaults(command=_run_psf)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from service.cli import main
+from service.cli import main, make_parser
 from tests.support.waiting import PATIENCE
 
 ROOT = Path(__file__).parents[2]
@@ -169,6 +170,20 @@ def test_help_names_every_setting_with_its_unit():
         assert option in text
     for unit in ("[HR pixels]", "[grey levels]", "[frames]", "[threads]", "[times]"):
         assert unit in text
+
+
+def test_psf_takes_what_it_heeds_alone(scene, capsys):
+    assert main(["psf", str(scene), "--chroma", "sr"]) == 2
+    assert "--chroma" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        make_parser().parse_args(["psf", "--help"])
+    usage = capsys.readouterr().out.partition("\n\n")[0]
+    assert set(re.findall(r"--[a-z-]+", usage)) == {
+        "--json", "--views", "--left", "--right", "--frames", "--input-layout",
+        "--magnification", "--sampling", "--registration", "--layers", "--subregions",
+        "--weight-threshold", "--depth-threshold", "--psf-support", "--psf-per-layer",
+        "--noise-sigma", "--threads",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(
