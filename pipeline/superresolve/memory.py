@@ -20,6 +20,17 @@ from pipeline.temporal.moving import has_moved
 from pipeline.temporal.still import Still, first_seen, seen_again
 from pipeline.threads import map_threads
 
+NOISE_JUMP = 0.25
+"""Share of a view's noise by which it may differ from one look at it to the next without the other
+views being looked at, too."""
+
+LEAST_NOISE = 1.0
+"""Noise of which that is a share, at least, grey levels."""
+
+QUIETER = 0.7
+"""Share of the noise before below which means and results of frames before are worse than a frame
+of its own."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solved:
@@ -57,19 +68,34 @@ class Memory:
         self._observed: dict[str, GreyImage] = {}
         self.still: dict[str, Still] = {}
         self._noise: dict[str, float] = {}
+        self.is_quieter = False
+        """Whether the noise last asked for has fallen so far that what came before it is of no
+        use."""
 
     def noise(self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]) -> float:
         """Return the noise of the settings, or that of the frame's views, grey levels.
 
-        Of a chain's frames after the first, one view is looked at, another one in each.
+        Of a chain's frames after the first, one view is looked at, another one in each; all of
+        them where that one has another noise than before.
         """
         if settings.noise_sigma is not None:
             return settings.noise_sigma
-        new = [name for name in view_ids if name not in self._noise]
-        due = new or [view_ids[frame.frame_index % len(view_ids)]]
-        found = map_threads(estimate_noise, [frame.view(name).luma for name in due])
-        self._noise = {**self._noise, **dict(zip(due, found, strict=True))}
-        return float(np.median([self._noise[name] for name in view_ids]))
+        known, before = self._noise, self.known_noise(view_ids)
+        due = [name for name in view_ids if name not in known]
+        if not due:
+            one = view_ids[frame.frame_index % len(view_ids)]
+            self._look_at(frame, [one])
+            if abs(self._noise[one] - known[one]) > NOISE_JUMP * max(known[one], LEAST_NOISE):
+                due = [name for name in view_ids if name != one]
+        self._look_at(frame, due)
+        noise = float(np.median([self._noise[name] for name in view_ids]))
+        self.is_quieter = before is not None and before > LEAST_NOISE and noise < QUIETER * before
+        return noise
+
+    def _look_at(self, frame: MultiViewFrame, view_ids: Sequence[str]) -> None:
+        """Estimate the noise of some views."""
+        found = map_threads(estimate_noise, [frame.view(name).luma for name in view_ids])
+        self._noise = {**self._noise, **dict(zip(view_ids, found, strict=True))}
 
     def known_noise(self, view_ids: Sequence[str]) -> float | None:
         """Return the noise that frames before have shown, grey levels; None: none has."""
@@ -89,7 +115,10 @@ class Memory:
     def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
         """Take note of a frame that is not computed."""
         names = [view.view_id for view in frame.views]
-        self.averaged(frame, self.noise(frame, settings, names))
+        noise = self.noise(frame, settings, names)
+        if self.is_quieter:
+            self.still = {}
+        self.averaged(frame, noise)
 
     def averaged(self, frame: MultiViewFrame, noise: float) -> MultiViewFrame:
         """Return the frame with what stands still averaged over the frames before."""

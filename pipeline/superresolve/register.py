@@ -77,8 +77,11 @@ def register_frame(
     with stoppable(stop):
         matches = {} if memory is None else memory.matches(frame, targets, noise)
         is_other = any(match.is_cut for match in matches.values())
-        has_moved = memory is not None and is_other and memory.has_moved(frame, targets)
-        is_cut = is_other and not has_moved
+        is_quieter = memory is not None and bool(matches) and memory.is_quieter
+        has_moved = (
+            memory is not None and is_other and not is_quieter and memory.has_moved(frame, targets)
+        )
+        is_cut = is_quieter or (is_other and not has_moved)
         if is_cut and memory is not None:
             memory.forget()
             matches, noise = {}, memory.noise(frame, settings, sources)

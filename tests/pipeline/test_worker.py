@@ -29,7 +29,8 @@ def frames():
 
 def _worker(temporal, **others):
     settings = Settings(
-        psf_sigma=1.0, noise_sigma=NOISE, sampling="decimation", temporal=temporal, **others
+        **{"psf_sigma": 1.0, "noise_sigma": NOISE, "sampling": "decimation"} | others,
+        temporal=temporal,
     )
     return Worker(settings, targets=TARGETS)
 
@@ -152,16 +153,28 @@ def test_the_noise_of_a_chain_is_followed_view_by_view(frames):
     memory, settings, names = Memory(), Settings(), SCENE.view_ids
     quiet = estimate_noise_of_views(frames[0].views)
     assert memory.noise(frames[0], settings, names) == quiet
-    loud = SCENE.frame(0, noise_sigma=3 * NOISE)
+    louder = SCENE.frame(0, noise_sigma=1.15 * NOISE)
     found = [
-        memory.noise(replace(loud, frame_index=number), settings, names)
+        memory.noise(replace(louder, frame_index=number), settings, names)
         for number in range(1, 1 + len(names))
     ]
     assert found == sorted(found)
-    assert found[0] < 1.5 * quiet
-    assert found[-1] == estimate_noise_of_views(loud.views)
+    assert found[0] < found[-1] == estimate_noise_of_views(louder.views)
     memory.forget()
     assert memory.noise(frames[0], settings, names) == quiet
+
+
+@pytest.mark.parametrize(("before", "after"), [(2.0, 8.0), (8.0, 2.0)])
+def test_noise_that_jumps_is_known_in_that_frame_and_costs_no_quality(before, after):
+    """A camera's gain changes: solved for the noise of before, a frame loses up to 4 dB."""
+    first, second = SCENE.frame(0, noise_sigma=before), SCENE.frame(1, noise_sigma=after)
+    warm, cold = (_worker(kind, noise_sigma=None) for kind in ("warm", "cold"))
+    warm.take(first)
+    ours, alone = warm.take(second), cold.take(second)
+    assert ours.report.noise_sigma == alone.report.noise_sigma
+    assert _psnr(ours, _truth(1)) > _psnr(alone, _truth(1)) - 0.05
+    # what is noisier than a frame of its own is no start
+    assert all(target.start.is_cut == (after < before) for target in ours.report.targets)
 
 
 def test_a_view_that_comes_back_is_registered_and_the_others_stay_warm(frames):
