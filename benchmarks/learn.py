@@ -28,6 +28,7 @@ from pipeline.config import Settings
 from pipeline.frames import RegisteredView, Rejection
 from pipeline.grid import Grid
 from pipeline.learned_filters import TABLES
+from pipeline.machine import available_cores
 from pipeline.media.files import atomic_path
 from pipeline.metrics import psnr
 from pipeline.reconstruction.fused import fuse
@@ -43,7 +44,7 @@ from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.reconstruction.restoration import restored
 from pipeline.superresolve import default_residual_threshold, register_frame
 from pipeline.synthetic import SampleScene
-from pipeline.threads import available_cores, set_threads
+from pipeline.threads import set_threads
 
 PHOTOGRAPHS = (
     "astronaut.png", "brick.png", "camera.png", "chelsea.png", "coffee.png", "coins.png",

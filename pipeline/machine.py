@@ -1,4 +1,4 @@
-"""What a measurement was made on: enough to compare, nothing that names the machine."""
+"""The machine: what it has to give, and enough of it to compare what was measured on it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from pipeline.report import versions
-from pipeline.threads import available_cores
 
 
 def today() -> str:
@@ -32,6 +31,13 @@ def cpu_model() -> str:
 def load_average() -> float:
     """Return how many threads wanted to run in the last minute, NaN where not known."""
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
+
+
+def available_cores() -> int:
+    """Return the number of cores this process may use, ≥ 1."""
+    if hasattr(os, "sched_getaffinity"):
+        return max(1, len(os.sched_getaffinity(0)))
+    return max(1, os.cpu_count() or 1)
 
 
 def available_memory(root: Path = Path("/")) -> float:

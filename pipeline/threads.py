@@ -7,7 +7,6 @@ algebra runs on one thread, always: how its sums are split depends on their numb
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +18,7 @@ import threadpoolctl
 from numba.core import event
 
 from pipeline.errors import Interrupted
+from pipeline.machine import available_cores
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -27,13 +27,6 @@ _state = threading.local()
 _lock = threading.Lock()
 _size = 0
 _pool: ThreadPoolExecutor | None = None
-
-
-def available_cores() -> int:
-    """Return the number of cores this process may use, ≥ 1."""
-    if hasattr(os, "sched_getaffinity"):
-        return max(1, len(os.sched_getaffinity(0)))
-    return max(1, os.cpu_count() or 1)
 
 
 def set_threads(threads: int) -> int:

@@ -15,10 +15,10 @@ from numba.core import event
 
 from pipeline.config import Settings
 from pipeline.errors import Interrupted
+from pipeline.machine import available_cores
 from pipeline.superresolve import superresolve
 from pipeline.synthetic import SampleScene
 from pipeline.threads import (
-    available_cores,
     map_threads,
     set_threads,
     stoppable,
