@@ -25,25 +25,38 @@ class Effort:
     POCS solvers, ≥ 1; None: as many as they need."""
 
     views: int | None = None
-    """Most views that are observed, the targets among them, ≥ 1; None: all."""
+    """Most views that a frame without a previous one, and of the others what has changed, is made
+    of, the targets among them, ≥ 1; None: all. What stands still is made of all: where motions are
+    kept, of one in a frame as it is now, in turn, and of the others as they were."""
 
     register: bool = True
-    """False: the motions of the previous frame are kept as they are. A frame without a
-    previous one is registered all the same."""
+    """False: the motions of the last frame that was registered are kept as they are, and no depth
+    is looked at. Where there are none, each view is made of itself alone."""
 
     register_every: int = 1
     """Frames from one in which a view's motions are found anew to the next, other views having
     their turn in each, ≥ 1; between, they are kept."""
 
+    refresh_every: int | None = 4
+    """Frames within which what stands still is reconstructed again, another part of it in each,
+    ≥ 1; None, of ``alone`` only: it stays as it was."""
+
     alone: bool = False
-    """True: what has changed is restored from its own view, what has not stays as it was, and no
-    other view is looked at."""
+    """True: likewise, and what has changed is made of its own view. Of the other views one is
+    looked at in a frame, in turn, and none where nothing is refreshed."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "views", "register_every"):
+        for name in ("steps", "views", "register_every", "refresh_every"):
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise ConfigurationError(f"effort: {name} must be 1 or more, not {value}")
+        if self.refresh_every is None and not self.alone:
+            raise ConfigurationError("effort: refresh_every must be said where not alone")
+
+    @property
+    def registers(self) -> bool:
+        """Whether the motions of views are found, for which their depth is needed."""
+        return self.register and not self.alone
 
     @property
     def is_full(self) -> bool:
@@ -80,3 +93,20 @@ def nearest_views(
     order = sorted(range(len(view_ids)), key=lambda place: min(abs(place - at) for at in places))
     kept = order[: max(count, len(places))]
     return tuple(view_ids[place] for place in sorted(kept))
+
+
+def looked_at(
+    effort: Effort, view_ids: Sequence[str], targets: Sequence[str], frame_index: int
+) -> tuple[str, ...]:
+    """Return the views that are looked at in a frame.
+
+    >>> once = Effort(alone=True, refresh_every=8)
+    >>> [looked_at(once, "abcde", "cd", frame_index) for frame_index in range(4)]
+    [('a', 'c', 'd'), ('b', 'c', 'd'), ('c', 'd', 'e'), ('a', 'c', 'd')]
+    """
+    if effort.registers or not (effort.alone or effort.views):
+        return tuple(view_ids)
+    near = targets if effort.alone else nearest_views(view_ids, targets, effort.views)
+    others = [name for name in view_ids if name not in near]
+    turn = others[frame_index % len(others)] if others and effort.refresh_every else None
+    return tuple(name for name in view_ids if name in near or name == turn)

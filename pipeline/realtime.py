@@ -10,20 +10,25 @@ each one is begun and what it cost, and does what it says::
             continue                           # show the last picture again
         begin = time.perf_counter()
         result = worker.take(frame, effort=choice.rung.effort)
-        controller.end(choice, time.perf_counter() - begin)
+        worked = time.perf_counter() - begin
+        show(result)
+        controller.end(choice, time.perf_counter() - begin, worked)
     print(controller.account.sentence())
 
 What a frame costs must include whatever it waits for behind it (a full queue to an encoder), and
-not what it waits for before it (a camera). One controller belongs to one stream, as a
-:class:`pipeline.worker.Worker` does. :func:`paced` does all of this for an iterator of frames.
+not what it waits for before it (a camera). What of it the worker took is what a rung decides on;
+the rest is the same on every rung, and no reason to go farther down than helps. One controller
+belongs to one stream, as a :class:`pipeline.worker.Worker` does. :func:`paced` does all of this for
+an iterator of frames.
 
 The order in which quality goes is the ladder's (:func:`ladder`): first fewer steps of the solver,
-then the motions of each view found anew more seldom, then fewer views (those that stand farthest
-from the eyes), last each eye of itself alone. As soon as frames cost more than there is time for,
-the controller goes down to the rung whose frames, by what these cost and by the work of either
-rung, have time enough: at once where the first frame of a rung costs a multiple of its time. It
-goes a rung up only after a long calm, longer each time that it had to be taken back. A frame that
-would be begun too late is dropped, and counted.
+then the motions of each view found anew more seldom, then fewer views for what changes (those that
+stand farthest from the eyes go first), then motions that are kept as they are, then each eye of
+itself alone where it changes, last each eye of itself alone. As soon as frames cost more than there
+is time for, the controller goes down to the rung whose frames, by what these cost and by the work
+of either rung, have time enough: at once where the first frame of a rung costs a multiple of its
+time. It goes a rung up only after a long calm, longer each time that it had to be taken back. A
+frame that would be begun too late is dropped, and counted.
 """
 
 from __future__ import annotations
@@ -55,9 +60,18 @@ frame of eight views; from processor times on the rendered rig."""
 REGISTRATION = 0.7
 """Share of a view's work that is registration."""
 
-ALONE = 0.2
-"""Work of a frame whose eyes are made of themselves alone: more than half of it decoding, encoding
-and whatever else goes on beside."""
+CHANGED_ALONE, REFRESH_PER_VIEW = 0.06, 0.056
+"""Work of a frame whose eyes are made of themselves alone where they change, and what each view
+adds if all that stands still is refreshed."""
+
+KEPT, KEPT_PER_VIEW = 0.05, 0.02
+"""What is added where what changes is made by kept motions, and by each view that it is made of."""
+
+ALONE = 0.05
+"""The same of one whose eyes are made of themselves alone."""
+
+REFRESH_EVERY = 8
+"""Frames within which what stands still is made again, low on the ladder."""
 
 FULL_STEPS = 4
 """Steps of a warm frame at full quality, about."""
@@ -74,6 +88,9 @@ FAR_TOO_MUCH = 2.0
 
 AIM = 0.9
 """Share of the budget that a frame of the rung gone down to should cost, at most."""
+
+IN_VAIN = 0.05
+"""Share of a frame's cost that going farther down must spare where no rung has time enough."""
 
 COLD = 3.0
 """What the first frame of a stream costs, which starts cold, over what the next ones do: a hint,
@@ -100,24 +117,30 @@ class Rung:
 
     def work(self, num_views: int) -> float:
         """Return about how much a frame of so many views costs, in no unit."""
-        if self.effort.alone:
+        effort = self.effort
+        if effort.refresh_every is None:
             return ALONE
-        views = num_views if self.effort.views is None else self.effort.views
-        steps = FULL_STEPS if self.effort.steps is None else self.effort.steps
-        of_view = PER_VIEW * (1 - REGISTRATION + REGISTRATION / self.effort.register_every)
+        views = num_views if effort.views is None else effort.views
+        if not effort.registers:
+            work = CHANGED_ALONE + num_views * REFRESH_PER_VIEW / effort.refresh_every
+            return work if effort.alone else work + KEPT + views * KEPT_PER_VIEW
+        steps = FULL_STEPS if effort.steps is None else effort.steps
+        of_view = PER_VIEW * (1 - REGISTRATION + REGISTRATION / effort.register_every)
         return BASE + views * of_view + steps * PER_STEP
 
     def __str__(self) -> str:
         effort = self.effort
         if effort.alone:
-            return "each eye alone"
+            return "each eye alone" if effort.refresh_every is None else "what changes alone"
         parts = []
         if effort.steps is not None:
             parts.append(f"{effort.steps} steps")
+        if not effort.register:
+            parts.append("motions kept")
         if effort.register_every > 1:
             parts.append(f"views registered every {effort.register_every} frames")
         if effort.views is not None:
-            parts.append(f"{effort.views} views")
+            parts.append(f"{effort.views} views for what changes")
         return ", ".join(parts) or "full quality"
 
 
@@ -132,8 +155,11 @@ def ladder(num_views: int, num_eyes: int = 2) -> tuple[Rung, ...]:
     2 steps, views registered every 2 frames
     2 steps, views registered every 4 frames
     2 steps, views registered every 8 frames
-    2 steps, views registered every 8 frames, 6 views
-    2 steps, views registered every 8 frames, 4 views
+    2 steps, views registered every 8 frames, 6 views for what changes
+    2 steps, views registered every 8 frames, 4 views for what changes
+    motions kept
+    motions kept, 2 views for what changes
+    what changes alone
     each eye alone
     """
     efforts = [FULL, *(Effort(steps=steps) for steps in STEPS)]
@@ -145,7 +171,13 @@ def ladder(num_views: int, num_eyes: int = 2) -> tuple[Rung, ...]:
         for count, above in zip(counts, (num_views, *counts), strict=False)
         if count < above
     ]
-    return tuple(Rung(effort=effort) for effort in (*efforts, Effort(alone=True)))
+    if num_views > 1:
+        efforts.append(Effort(register=False))
+        if 1 < num_eyes < num_views / 2:
+            efforts.append(Effort(register=False, views=num_eyes, refresh_every=REFRESH_EVERY))
+        efforts.append(Effort(alone=True, refresh_every=REFRESH_EVERY))
+    efforts.append(Effort(alone=True, refresh_every=None))
+    return tuple(Rung(effort=effort) for effort in efforts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,6 +254,8 @@ class Controller:
     _rungs: tuple[Rung, ...] = field(init=False)
     _frames: list[int] = field(init=False)
     _costs: list[float] = field(default_factory=list, init=False)
+    _beside: list[float] = field(default_factory=list, init=False)
+    """Shares of the budget that the last frames took beside what their rungs decide on."""
     _calm: int = field(default=0, init=False)
     _calm_needed: int = field(default=CALM, init=False)
     _since_up: int = field(default=TRIAL, init=False)
@@ -277,7 +311,7 @@ class Controller:
             self._has_dropped = True
         return Choice(drop=drop, level=self.level, rung=self.rung, late=late)
 
-    def end(self, choice: Choice, seconds: float) -> None:
+    def end(self, choice: Choice, seconds: float, worked: float | None = None) -> None:
         """Learn what a frame cost that was not dropped.
 
         The first one may compile, fills caches and starts cold: it says no more than where to
@@ -287,13 +321,17 @@ class Controller:
         ----------
         seconds : float
             From its beginning until the next one could begin.
+        worked : float, optional
+            Those of them that the rung decides on; default: all.
         """
+        beside = 0.0 if worked is None else max(0.0, seconds - worked) / self.budget
+        self._beside = [*self._beside, beside][-JUDGED:]
         is_first = not any(self._frames)
         self._frames[choice.level] += 1
         cost = seconds / self.budget
         if is_first:
             if cost / COLD > FAR_TOO_MUCH:
-                self._move(self._level_for(cost / COLD, self.level + 1))
+                self._move(self._level_for(cost / COLD, self.level))
             return
         self._since_up += 1
         self._costs = [*self._costs, cost][-JUDGED:]
@@ -321,21 +359,23 @@ class Controller:
             self._calm_needed = min(2 * self._calm_needed, LONGEST_CALM)
         elif self._since_up > LONGEST_CALM:
             self._calm_needed = CALM
-        self._move(self._level_for(load, self.level + 1))
+        self._move(self._level_for(load, self.level))
 
     def _level_for(self, load: float, highest: int) -> int:
-        """Return the first rung from ``highest`` whose frames have time enough; else the last.
+        """Return the first rung from ``highest`` whose frames have time enough.
+
+        Where none has, the first that costs hardly more than the last one.
 
         Parameters
         ----------
         load : float
             Share of the budget that frames take at the rung of now.
         """
-        of_one = load / self._rungs[self.level].work(self.num_views)
-        for level, rung in enumerate(self._rungs[highest:], highest):
-            if of_one * rung.work(self.num_views) <= AIM:
-                return level
-        return len(self._rungs) - 1
+        beside = min(load, statistics.median(self._beside))
+        of_one = (load - beside) / self._rungs[self.level].work(self.num_views)
+        costs = [beside + of_one * rung.work(self.num_views) for rung in self._rungs]
+        bound = max(AIM, (1 + IN_VAIN) * costs[-1])
+        return next(level for level in range(highest, len(costs)) if costs[level] <= bound)
 
     def _move(self, level: int, *, climbs: bool = False) -> None:
         self.level, self._costs, self._calm = level, [], 0
@@ -343,7 +383,10 @@ class Controller:
 
 
 def paced(
-    frames: Iterable[Item], controller: Controller, clock: Callable[[], float]
+    frames: Iterable[Item],
+    controller: Controller,
+    clock: Callable[[], float],
+    worked: Callable[[], float | None] = lambda: None,
 ) -> Iterator[tuple[Item, Choice]]:
     """Yield frames with the choices of a controller, which learns what each of them cost.
 
@@ -355,6 +398,8 @@ def paced(
     ----------
     clock : callable
         Seconds.
+    worked : callable
+        Asked after each frame that is not dropped: see :meth:`Controller.end`.
     """
     due: float | None = None
     asked = clock()
@@ -366,5 +411,5 @@ def paced(
         yield frame, choice
         asked = clock()
         if not choice.drop:
-            controller.end(choice, asked - begin)
+            controller.end(choice, asked - begin, worked())
         due = asked if due is None else min(due + controller.budget, asked)

@@ -102,8 +102,6 @@ class FrameReport:
     """Seconds by stage: registration, reconstruction, chroma, …"""
     effort: Effort = FULL
     """What was allowed to be left out."""
-    motions_are_kept: bool = False
-    """Whether the motions are those of the frame before, unchanged."""
     warnings: tuple[str, ...] = ()
 
 

@@ -16,12 +16,13 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from pipeline.channel import Ahead
 from pipeline.debug_pictures import write_debug_pictures
+from pipeline.effort import looked_at
 from pipeline.errors import SceneError
 from pipeline.events import Event, SegmentFinished, Warned
 from pipeline.frames import MultiViewFrame
@@ -288,6 +289,8 @@ class _Line:
     worker: Worker
     clock: Callable[[], float]
     stop: StopFlag
+    levels: dict[int, int] = field(default_factory=dict)
+    """Rung that a frame which is read ahead was read for, from the frame's number."""
 
     def controller(self, info: SceneInfo) -> Controller:
         """Return what is to hold the rate."""
@@ -300,13 +303,19 @@ class _Line:
     def read_for(
         self, source: FrameSource, segments: Sequence[Segment], controller: Controller
     ) -> Iterator[_ReadFrame]:
-        """Yield the frames of the segments; where no other views are looked at, the eyes only."""
+        """Yield the frames of the segments, of each what its rung looks at, and note that rung."""
         window = self.work.job.settings.temporal_window
+        targets = self.work.plan.targets
 
         def frames(wanted: range) -> Iterator[MultiViewFrame]:
             for number in wanted:
-                is_alone = controller.rung.effort.alone and not window
-                yield source.read(number, only=self.work.plan.targets if is_alone else None)
+                level = 0 if window else controller.level
+                effort = controller.rungs[level].effort
+                self.levels[number] = level
+                only = None
+                if not effort.registers:
+                    only = looked_at(effort, source.info.view_ids, targets, number)
+                yield source.read(number, only=only)
 
         return self._read(frames, segments)
 
@@ -387,28 +396,28 @@ def hold_rate(
     """Yield frames as a live stream would have them: see :mod:`pipeline.realtime`.
 
     One chain goes through all segments. A frame that is dropped shows the last picture again; one
-    of which the eyes alone were read, since it was read ahead, is made of them.
+    that was read ahead for a lower rung is made on that.
     """
     targets = line.work.plan.targets
     last: FrameResult | None = None
-    for item, choice in paced(frames, controller, line.clock):
+    work = [0.0]
+    for item, choice in paced(frames, controller, line.clock, lambda: work[-1]):
         begin = line.clock()
         frame = item.frame
         is_shown_again = choice.drop and last is not None
-        rung = choice.rung
+        rung = controller.rungs[max(choice.level, line.levels.pop(frame.frame_index))]
         if choice.drop and last is not None:
             report = replace(last.report, frame_index=frame.frame_index, timings={})
             last = replace(last, frame_index=frame.frame_index, report=report, debug={})
         else:
-            if len(frame.views) < controller.num_views:
-                rung = controller.rungs[-1]
             last = line.worker.take(frame, effort=rung.effort, neighbours=item.neighbours)
+        work[-1] = line.clock() - begin
         yield _DoneFrame(
             result=last,
             timings={
-                "decode": item.seconds, **last.report.timings, "frame": line.clock() - begin,
+                "decode": item.seconds, **last.report.timings, "frame": work[-1],
             },
-            depth={} if rung.effort.alone else depth_origin(frame),
+            depth=depth_origin(frame) if rung.effort.registers else {},
             realtime=RealtimeRecord(
                 dropped=choice.drop,
                 rung=str(rung),

@@ -174,7 +174,6 @@ def _merged(results: Sequence[FrameResult]) -> FrameResult:
     report = replace(
         first.report,
         targets=tuple(target for report in reports for target in report.targets),
-        motions_are_kept=all(report.motions_are_kept for report in reports),
         timings=sum_timings(report.timings for report in reports),
         warnings=tuple(distinct(text for report in reports for text in report.warnings)),
     )

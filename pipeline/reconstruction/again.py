@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from pipeline.reconstruction.fused import (
 )
 from pipeline.reconstruction.parts import (
     Box,
+    CutViews,
     covering_boxes,
     cut_views,
     on_hr_grid,
@@ -39,6 +40,8 @@ class Due:
     noise: float
     """Standard deviation, grey levels."""
     tuning: FusedTuning
+    views: tuple[str, ...] | None = None
+    """Ids of those that they are made of, the reference among them; None: all."""
 
     @functools.cached_property
     def boxes(self) -> list[Box]:
@@ -54,6 +57,57 @@ class Due:
             for rows, columns in (widened(box, shape) for box in self.boxes)
         ]
         return sum(areas) / self.wanted.size
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Piece:
+    """A box of what is due, solved."""
+
+    box: Box
+    wanted: Mask
+    """(rows, columns): its pixels that are due."""
+    inner: Box
+    """Where the box lies in what was solved, LR pixels."""
+    grid: Grid
+    cut: CutViews
+    solved: FusedResult
+
+    def put_into(self, image: HrImage, part: HrImage) -> None:
+        """Write of what was solved, or made of that, the pixels that are due, in place."""
+        down, across = self.grid.magnification_y, self.grid.magnification_x
+        np.copyto(
+            image[on_hr_grid(self.box, self.grid)],
+            part[on_hr_grid(self.inner, self.grid)],
+            where=self.wanted.repeat(down, 0).repeat(across, 1),
+        )
+
+
+def pieces_of(
+    part: Due,
+    registered: Sequence[RegisteredView],
+    grid: Grid,
+    psf: Psf,
+    start: HrImage,
+    *,
+    residual_threshold: float,
+    most_steps: int | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Iterator[Piece]:
+    """Yield the boxes of a part, solved; parameters are those of :func:`fuse_again`."""
+    used = [view for view in registered if part.views is None or view.view_id in part.views]
+    wides = [widened(box, part.wanted.shape) for box in part.boxes]
+    for box, wide, cut in zip(part.boxes, wides, cut_views(used, wides), strict=True):
+        height, width = (side.stop - side.start for side in wide)
+        solved = fuse(
+            cut.views, grid, (height, width), psf, noise=part.noise,
+            residual_threshold=residual_threshold, tuning=part.tuning,
+            start=np.ascontiguousarray(start[on_hr_grid(wide, grid)]),
+            most_steps=most_steps, judged=False, stop=stop,
+        )  # fmt: skip
+        yield Piece(
+            box=box, wanted=part.wanted[box], inner=within(box, wide), grid=grid, cut=cut,
+            solved=solved,
+        )  # fmt: skip
 
 
 def fuse_again(
@@ -84,29 +138,25 @@ def fuse_again(
     estimate, density = before.estimate.copy(), before.density.copy()
     weights = tuple(array.copy() for array in before.weights)
     flags = tuple(array.copy() for array in before.flags)
+    names = [view.view_id for view in registered]
     work, stop_reason = 0, before.stop_reason
     for part in due:
-        wides = [widened(box, part.wanted.shape) for box in part.boxes]
-        for box, wide, cut in zip(part.boxes, wides, cut_views(registered, wides), strict=True):
-            fine = on_hr_grid(wide, grid)
-            height, width = (side.stop - side.start for side in wide)
-            solved = fuse(
-                cut.views, grid, (height, width), psf, noise=part.noise,
-                residual_threshold=residual_threshold, tuning=part.tuning,
-                start=np.ascontiguousarray(start[fine]),
-                most_steps=most_steps, judged=False, stop=stop,
-            )  # fmt: skip
-            work += solved.iterations * height * width
-            stop_reason = solved.stop_reason
-            inside = np.zeros((height, width), bool)
-            inside[within(box, wide)] = part.wanted[box]
-            inside = inside.repeat(grid.magnification_y, 0).repeat(grid.magnification_x, 1)
-            np.copyto(estimate[fine], solved.estimate, where=inside)
-            np.copyto(density[fine], solved.density, where=inside)
-            for index, (view, place) in enumerate(zip(registered, cut.places, strict=True)):
+        for piece in pieces_of(
+            part, registered, grid, psf, start,
+            residual_threshold=residual_threshold, most_steps=most_steps, stop=stop,
+        ):  # fmt: skip
+            work += piece.solved.iterations * piece.solved.estimate.size
+            stop_reason = piece.solved.stop_reason
+            piece.put_into(estimate, piece.solved.estimate)
+            piece.put_into(density, piece.solved.density)
+            for view, place, weight, flag in zip(
+                piece.cut.views, piece.cut.places, piece.solved.weights, piece.solved.flags,
+                strict=True,
+            ):  # fmt: skip
+                index = names.index(view.view_id)
                 put_back(
-                    (solved.weights[index], solved.flags[index]), (weights[index], flags[index]),
-                    place, view.position, box,
+                    (weight, flag), (weights[index], flags[index]), place,
+                    registered[index].position, piece.box,
                 )  # fmt: skip
     points = [some_landing_points(view, grid) for view in registered]
     misfit, misfits = left_over(
@@ -118,7 +168,7 @@ def fuse_again(
         flags=flags,
         misfits=misfits,
         density=density,
-        iterations=-(-work // registered[0].flags.size),
+        iterations=-(-work // estimate.size),
         residuals=(misfit,),
         stop_reason=stop_reason,
     )

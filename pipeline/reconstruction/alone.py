@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from pipeline.frames import Mask, RegisteredView
 from pipeline.grid import Grid
-from pipeline.reconstruction.fused import estimate_alone
+from pipeline.reconstruction.again import Due, pieces_of
+from pipeline.reconstruction.fused import estimate_alone, finished
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.psf import Psf
 from pipeline.reconstruction.system import HrImage
@@ -26,6 +29,8 @@ class Restored:
     frames: npt.NDArray[np.float32]
     """(H, W): of how many frames the pixels observed were the mean when they were restored;
     infinite where all views had made it."""
+    again: Mask | None = None
+    """(H, W): what all views have made of it in this frame; None: nothing."""
 
 
 def restored(
@@ -50,7 +55,7 @@ def restored(
     mean, count = still.mean, still.count
     if before is None:
         estimate = estimate_alone(mean, grid, psf, noise, learned)
-        return Restored(estimate=estimate, shown=np.clip(estimate, 0.0, 255.0), frames=count)
+        return Restored(estimate=estimate, shown=np.clip(estimate, 0.0, 255.0), frames=count.copy())
     wanted = still.touched | (count >= 2 * before.frames)
     alone = estimate_alone(mean, grid, psf, noise, learned, wanted)
     estimate, shown, frames = before.estimate.copy(), before.shown.copy(), before.frames.copy()
@@ -59,3 +64,37 @@ def restored(
     np.copyto(shown, np.clip(alone, 0.0, 255.0, out=alone), where=fine)
     np.copyto(frames, count, where=wanted)
     return Restored(estimate=estimate, shown=shown, frames=frames)
+
+
+def refreshed(
+    made: Restored,
+    due: Sequence[Due],
+    registered: Sequence[RegisteredView],
+    grid: Grid,
+    psf: Psf,
+    learned: LearnedFilters | None,
+    *,
+    residual_threshold: float,
+    most_steps: int | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Restored:
+    """Return a view restored of which parts are made of all views; it is changed in place.
+
+    Parameters
+    ----------
+    due : sequence of Due
+        Disjoint parts.
+    registered : sequence of RegisteredView
+        All views, itself among them.
+    """
+    again = np.zeros(made.frames.shape, np.bool_)
+    for part in due:
+        for piece in pieces_of(
+            part, registered, grid, psf, made.estimate,
+            residual_threshold=residual_threshold, most_steps=most_steps, stop=stop,
+        ):  # fmt: skip
+            piece.put_into(made.estimate, piece.solved.estimate)
+            piece.put_into(made.shown, np.clip(finished(piece.solved, learned), 0.0, 255.0))
+        again |= part.wanted
+    np.copyto(made.frames, np.float32(np.inf), where=again)
+    return replace(made, again=again)

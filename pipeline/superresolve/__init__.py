@@ -8,6 +8,7 @@ consumes that and knows nothing of depth, layers or cameras. Here the
 * :mod:`register`: the first half, views registered onto the targets;
 * :mod:`registered`: what it hands to the second;
 * :mod:`reconstruct`: the second half, images of the targets;
+* :mod:`restore`: images of a frame for which nothing is registered;
 * :mod:`due`: what of them is made again in a chain of frames, and how thoroughly;
 * :mod:`memory`: what one frame of a chain leaves to the next;
 * :mod:`choices`: what the settings leave open;

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.config import Settings, Solver
+from pipeline.effort import Effort
 from pipeline.frames import GreyImage, MultiViewFrame, RegisteredView
 from pipeline.reconstruction.fused import some_rows
 from pipeline.reconstruction.median import median_magnitude
@@ -42,18 +43,20 @@ def view_report(
     )
 
 
-def report_alone(target: str, settings: Settings) -> TargetReport:
-    """Return the report of a target that was made of itself alone."""
+def report_restored(target: str, settings: Settings, effort: Effort) -> TargetReport:
+    """Return the report of a target for which nothing was registered."""
     own = 100.0 / (settings.grid.magnification_x * settings.grid.magnification_y)
     return TargetReport(
         view_id=target,
         views=(),
         phase_coverage=own,
         phase_coverage_reference=own,
-        remark="No other view was looked at.",
+        remark="No other view was looked at."
+        if effort.refresh_every is None
+        else "No view was registered: motions are those of an earlier frame.",
         solver=settings.solver,
         iterations=0,
-        stop_reason="alone",
+        stop_reason="alone" if effort.alone else "kept",
         residuals=(),
         start=StartChoice(warm_share=0.0, is_cut=False),
     )

@@ -10,8 +10,9 @@ from pipeline.frames import MultiViewFrame
 from pipeline.reconstruction.psf import Psf
 from pipeline.results import FrameResult
 from pipeline.superresolve.memory import Memory
-from pipeline.superresolve.reconstruct import reconstruct_frame, restore_frame
+from pipeline.superresolve.reconstruct import reconstruct_frame
 from pipeline.superresolve.register import register_frame
+from pipeline.superresolve.restore import restore_frame
 
 
 def superresolve(
@@ -65,7 +66,7 @@ def superresolve(
     Interrupted
         If ``stop`` said so; nothing is returned then.
     """
-    if effort.alone:
+    if not effort.registers:
         return restore_frame(
             frame, settings, targets=targets, psf=psf, stop=stop, memory=memory, effort=effort
         )

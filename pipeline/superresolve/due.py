@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.config import Solver
-from pipeline.frames import GreyImage
+from pipeline.frames import GreyImage, Mask
 from pipeline.reconstruction.again import Due
 from pipeline.reconstruction.fused import FusedTuning, by_power
 from pipeline.superresolve.memory import Solved
@@ -45,9 +45,6 @@ MOSTLY_CHANGED = 0.9
 """Share of the pixels, halos included, from which what has changed is not worth being cut out:
 all is reconstructed again at once."""
 
-REFRESH = 4
-"""Frames within which everything is reconstructed again, changed or not."""
-
 
 def parts_due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due] | None:
     """Return what of a target is reconstructed again; None: all of it.
@@ -61,6 +58,7 @@ def parts_due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due
     if still is None or previous.frames is None or frame.settings.solver != Solver.FUSED:
         return None
     changed = still.touched
+    near = frame.near if len(frame.near) < len(frame.registrations[target]) else None
     due = [Due(wanted=changed, noise=frame.noise, tuning=WARM)]
     if due[0].share > MOSTLY_CHANGED:
         return None
@@ -70,21 +68,30 @@ def parts_due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due
         if unseen[box].any():
             with_unseen[box] = changed[box]
     due = [
-        Due(wanted=part, noise=frame.noise, tuning=tuning)
+        Due(wanted=part, noise=frame.noise, tuning=tuning, views=near)
         for part, tuning in ((changed & ~with_unseen, WARM), (with_unseen, NEW))
         if part.any()
     ]
     again = ~changed
     ripe = (still.count >= 2 * previous.frames)[again]
     if ripe.size and ripe.mean() <= 0.5:
-        edges = np.linspace(0, len(changed), REFRESH + 1).astype(int)
-        turn = frame.frame.frame_index % REFRESH
-        again[: edges[turn]] = again[edges[turn + 1] :] = False
+        assert frame.effort.refresh_every is not None  # for eyes alone only
+        again = in_turn(again, frame.effort.refresh_every, frame.frame.frame_index)
     if again.any():
         due.append(Due(wanted=again, noise=frame.noise, tuning=STILL))
     if sum(part.share * part.tuning.together for part in due) > NEW.together:
-        return [Due(wanted=np.ones_like(changed), noise=frame.noise, tuning=NEW)]
+        return [Due(wanted=np.ones_like(changed), noise=frame.noise, tuning=NEW, views=near)]
     return due
+
+
+def in_turn(wanted: Mask, every: int, frame_index: int) -> Mask:
+    """Return the part of the pixels wanted whose turn it is: all of them in so many frames."""
+    edges = np.linspace(0, len(wanted), every + 1).astype(int)
+    turn = frame_index % every
+    part = np.zeros_like(wanted)
+    rows = slice(edges[turn], edges[turn + 1])
+    part[rows] = wanted[rows]
+    return part
 
 
 def frames_solved(

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.config import Settings
-from pipeline.frames import GreyImage, MultiViewFrame, View
+from pipeline.frames import GreyImage, MultiViewFrame, RegisteredView, View
 from pipeline.noise import estimate_noise
 from pipeline.reconstruction.alone import Restored
 from pipeline.reconstruction.fused import FusedResult
@@ -108,9 +108,31 @@ class Memory:
 
     def move(self) -> None:
         """Keep of the frames so far only what holds wherever the rig is."""
-        assert self.previous is not None  # it has moved since then
-        self.previous = replace(self.previous, has_moved=True)
+        self.move_on()
         self.still = {}
+
+    def move_on(self) -> None:
+        """Keep of the registration so far only what holds wherever the rig is."""
+        if self.previous is not None:
+            self.previous = replace(self.previous, has_moved=True)
+
+    def known_views(self) -> dict[str, list[RegisteredView]]:
+        """Return the views registered onto each target, as they were when last looked at.
+
+        Nothing where they are so from another place, or no frame was reconstructed of them.
+        """
+        previous = self.previous
+        if previous is None or previous.has_moved or not self._solved:
+            return {}
+        return {
+            target: [
+                replace(view, observed=self.still[view.view_id].mean - one.offset)
+                for one in registrations
+                for view in [one.registered]
+                if view.view_id in self.still
+            ]
+            for target, registrations in previous.registrations.items()
+        }
 
     def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
         """Take note of a frame that is not computed."""
@@ -230,13 +252,16 @@ class Memory:
         for target, left in made.items():
             self._observed[target] = frame.view(target).luma
             old = self._solved[target]
+            frames = old.frames
+            if frames is not None:
+                frames = np.where(np.isinf(left.frames), frames, np.float32(0))
+                if left.again is not None:
+                    np.copyto(frames, self.still[target].count, where=left.again)
             self._solved[target] = replace(
                 old,
                 result=replace(old.result, estimate=left.estimate),
                 shown=left.shown,
-                frames=None
-                if old.frames is None
-                else np.where(np.isinf(left.frames), old.frames, np.float32(0)),
+                frames=frames,
                 restored=left,
             )
 

@@ -10,12 +10,10 @@ import numpy.typing as npt
 
 from pipeline.colour import interleaved
 from pipeline.config import Settings, Solver
-from pipeline.effort import FULL, Effort
 from pipeline.errors import Interrupted
 from pipeline.frames import ChromaImage, GreyImage, MultiViewFrame, RegisteredView
 from pipeline.grid import Grid
 from pipeline.reconstruction.again import fuse_again
-from pipeline.reconstruction.alone import Restored, restored
 from pipeline.reconstruction.coverage import phase_coverage
 from pipeline.reconstruction.fused import (
     FusedResult,
@@ -41,7 +39,6 @@ from pipeline.results import (
 )
 from pipeline.superresolve.account import (
     remark_of,
-    report_alone,
     unused_settings,
     view_report,
     warnings_of,
@@ -50,7 +47,6 @@ from pipeline.superresolve.choices import (
     chosen_filters,
     chosen_method,
     default_residual_threshold,
-    psf_of,
 )
 from pipeline.superresolve.due import frames_solved, parts_due, tuning_of
 from pipeline.superresolve.memory import Memory, Solved
@@ -58,7 +54,7 @@ from pipeline.superresolve.register import register_frame
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.superresolve.stages import Stages
 from pipeline.temporal.initial import warped
-from pipeline.threads import map_threads, set_threads, stoppable
+from pipeline.threads import map_threads, stoppable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +94,7 @@ def reconstruct_frame(
         clock.done("reconstruction")
         images = {result.image.view_id: result.image for result in results}
         for target in registered.targets:
-            chroma = _chroma(frame, settings, target, registered.sources, psf)
+            chroma = chroma_of(frame, settings, target, registered.sources, psf)
             images[target] = replace(images[target], chroma=chroma)
     clock.done("chroma")
     report = FrameReport(
@@ -110,7 +106,6 @@ def reconstruct_frame(
         psf_is_estimated=settings.psf == "auto",
         targets=tuple(result.report for result in results),
         effort=registered.effort,
-        motions_are_kept=registered.motions_are_kept,
         timings={**registered.timings, **clock.timings},
         warnings=(
             *warnings_of(frame, registered.sources),
@@ -119,67 +114,6 @@ def reconstruct_frame(
     )
     debug = {result.image.view_id: result.debug for result in results if result.debug is not None}
     return FrameResult(frame_index=frame.frame_index, images=images, report=report, debug=debug)
-
-
-def restore_frame(
-    frame: MultiViewFrame,
-    settings: Settings,
-    *,
-    targets: tuple[str, ...],
-    psf: Psf | None = None,
-    stop: Callable[[], bool] | None = None,
-    memory: Memory | None = None,
-    effort: Effort = FULL,
-) -> FrameResult:
-    """Do what :func:`superresolve` does where each target is to be made of itself alone.
-
-    What has not changed since the previous frame stays as it was.
-    """
-    set_threads(settings.threads)
-    clock = Stages(stop)
-    psf = psf or psf_of(settings)
-    memory = memory or Memory()
-    frame = replace(frame, views=tuple(frame.view(target) for target in targets))
-    with stoppable(stop):
-        if not memory.is_of_size(frame):
-            memory.forget()
-        noise = memory.known_noise(targets)
-        if noise is None:
-            noise = memory.noise(frame, settings, targets)
-        frame = memory.averaged(frame, noise)
-        learned = chosen_filters(settings, psf, noise)
-        clock.done("preparation")
-
-        def restore(target: str) -> Restored:
-            return restored(
-                memory.still[target], memory.restored(target), settings.grid, psf, noise, learned
-            )
-
-        found = dict(zip(targets, map_threads(restore, targets), strict=True))
-        memory.keep_restored(frame, found)
-        clock.done("reconstruction")
-        images = {
-            target: SuperResolvedImage(
-                view_id=target,
-                luma=made.shown,
-                chroma=_chroma(frame, settings, target, targets, psf),
-            )
-            for target, made in found.items()
-        }
-    clock.done("chroma")
-    report = FrameReport(
-        frame_index=frame.frame_index,
-        noise_sigma=noise,
-        noise_is_estimated=settings.noise_sigma is None,
-        psf_sigma=psf.sigma,
-        psf_support=psf.support,
-        psf_is_estimated=settings.psf == "auto",
-        targets=tuple(report_alone(target, settings) for target in targets),
-        effort=effort,
-        motions_are_kept=True,
-        timings=clock.timings,
-    )
-    return FrameResult(frame_index=frame.frame_index, images=images, report=report)
 
 
 def _reconstruct(
@@ -204,11 +138,14 @@ def _reconstruct(
         )  # fmt: skip
         start = warped(match, previous.result.estimate, cold, grid)
         choice = match.choice
-    views = tuple(view.view_id for view in registered)
     due = shown = None
     if previous is not None:
         previous = _of_views(previous, registered)
         due = parts_due(frame, target, previous)
+    if due is None:
+        registrations = [one for one in registrations if one.registered.view_id in frame.near]
+        registered = [registration.registered for registration in registrations]
+    views = tuple(view.view_id for view in registered)
     if previous is not None and start is not None and due is not None:
         shown = previous.shown, [box for part in due for box in part.boxes], grid
         solved = fuse_again(
@@ -369,7 +306,7 @@ def _count_nearest(
     np.add.at(density, (rows, columns), weight[inside])
 
 
-def _chroma(
+def chroma_of(
     frame: MultiViewFrame,
     settings: Settings,
     target: str,

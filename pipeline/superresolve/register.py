@@ -61,15 +61,12 @@ def register_frame(
                 "cannot be reconstructed: it is not among the observed views",
                 view=target, frame=frame.frame_index,
             )  # fmt: skip
-    if effort.views is not None:
-        in_order = [view.view_id for view in frame.views if view.view_id in sources]
-        sources = nearest_views(in_order, targets, effort.views)
+    in_order = [view.view_id for view in frame.views if view.view_id in sources]
+    near = sources if effort.views is None else nearest_views(in_order, targets, effort.views)
     widened = frame
     added: tuple[str, ...] = ()
     if neighbours and effort.views is None:
         widened, added = with_neighbours(frame, neighbours, sources)
-    observed = (*sources, *added)
-    views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
     noise = (memory or Memory()).noise(frame, settings, sources)
     psf = psf or psf_of(settings)
     method = chosen_method(settings)
@@ -92,28 +89,21 @@ def register_frame(
             frame = memory.averaged(frame, noise)
             if not added:
                 widened = frame
-            views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
         previous = None if memory is None else memory.previous
-        keeps_motions = (
-            previous is not None
-            and not effort.register
-            and not has_moved
-            and _covers(previous, targets, observed)
-        )
-        due = known = observed
-        if previous is not None and _covers(previous, targets, observed) and not has_moved:
+        observed = due = (*sources, *added)
+        if previous is None or previous.has_moved:
+            observed = due = (*near, *added)
+        elif effort.register_every > 1:
             due = _due_views(observed, effort.register_every, previous.turn)
-            known = (*observed, *_left_out(previous, targets, observed))
-        if previous is not None and keeps_motions:
-            found = previous
-            registrations = _with_pixels_of(previous, widened, targets, observed)
-        else:
-            prepared, registrations = _registered(
-                frame, views, targets, known, settings, method, noise, previous, due
-            )
-            found = Previous(prepared=prepared, registrations=registrations, turn=0)
-            if len(due) < len(known):
-                registrations = _with_pixels_of(found, widened, targets, observed)
+            known = {name for name in observed if _covers(previous, targets, [name])}
+            observed = tuple(name for name in observed if name in known or name in due)
+        views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
+        prepared, registrations = _registered(
+            frame, views, targets, observed, settings, method, noise, previous, due
+        )
+        found = Previous(prepared=prepared, registrations=registrations, turn=0)
+        if len(due) < len(observed):
+            registrations = _with_pixels_of(found, widened, targets, observed)
     if memory is not None:
         # motions that are kept stay with the pixels that they were found from
         memory.keep(
@@ -124,7 +114,8 @@ def register_frame(
         frame=frame,
         settings=settings,
         targets=targets,
-        sources=sources,
+        sources=tuple(name for name in observed if name in sources),
+        near=(*near, *added),
         still={} if memory is None else {target: memory.still[target] for target in targets},
         psf=psf,
         noise=noise,
@@ -133,7 +124,6 @@ def register_frame(
         is_cut=is_cut,
         has_moved=has_moved,
         effort=effort,
-        motions_are_kept=keeps_motions,
         turn=1 if memory is None else memory.turn,
         layers=_layers_of(found.prepared, method) if keep_intermediates else None,
         timings=clock.timings,
@@ -158,26 +148,34 @@ def _registered(
         weight=settings.weight_threshold or default_weight_threshold(noise),
         depth=settings.depth_threshold,
     )
-    if previous is not None and len(due) < len(sources):
-        prepared = {**previous.prepared, **prepared}
-        return prepared, register_some(
-            prepared, targets, sources, due, method, noise=noise, thresholds=thresholds,
-            previous=previous,
-        )  # fmt: skip
-    known = [
+    covered = [
         source
         for source in sources
         if previous is not None and _covers(previous, targets, [source])
     ]
-    new = [source for source in sources if source not in known]
+    new = [source for source in sources if source not in covered]
+    again = [source for source in covered if source in due]
     found: dict[str, dict[str, ViewRegistration]] = {target: {} for target in targets}
-    for part, before in ((known, previous), (new, None)):
-        if part:
-            registrations = register_views(
-                prepared, targets, part, method, noise=noise, thresholds=thresholds, previous=before
-            )
-            for target in targets:
-                found[target] |= dict(zip(part, registrations[target], strict=True))
+
+    def register(part: Sequence[str], before: Previous | None) -> None:
+        registrations = register_views(
+            prepared, targets, part, method, noise=noise, thresholds=thresholds, previous=before
+        )
+        for target in targets:
+            found[target] |= dict(zip(part, registrations[target], strict=True))
+
+    if new:
+        register(new, None)
+    if previous is not None and len(again) < len(covered):
+        prepared = {**previous.prepared, **prepared}
+        registrations = register_some(
+            prepared, targets, covered, again, method, noise=noise, thresholds=thresholds,
+            previous=previous,
+        )  # fmt: skip
+        for target in targets:
+            found[target] |= dict(zip(covered, registrations[target], strict=True))
+    elif covered:
+        register(covered, previous)
     return prepared, {target: [found[target][source] for source in sources] for target in targets}
 
 
@@ -190,16 +188,6 @@ def _due_views(sources: Sequence[str], every: int, turn: int) -> tuple[str, ...]
     return tuple(name for place, name in enumerate(sources) if (place + turn) % every == 0)
 
 
-def _left_out(
-    previous: Previous, targets: Sequence[str], sources: Sequence[str]
-) -> tuple[str, ...]:
-    """Return the views that were registered onto all targets before, but for these."""
-    names = [one.registered.view_id for one in previous.registrations[targets[0]]]
-    return tuple(
-        name for name in names if name not in sources and _covers(previous, targets, [name])
-    )
-
-
 def _covers(previous: Previous, targets: Sequence[str], sources: Sequence[str]) -> bool:
     """Return whether all of the sources were registered onto all of the targets before."""
     return all(
@@ -209,7 +197,10 @@ def _covers(previous: Previous, targets: Sequence[str], sources: Sequence[str]) 
 
 
 def _with_pixels_of(
-    previous: Previous, frame: MultiViewFrame, targets: Sequence[str], sources: Sequence[str]
+    previous: Previous,
+    frame: MultiViewFrame,
+    targets: Sequence[str],
+    sources: Sequence[str],
 ) -> dict[str, list[ViewRegistration]]:
     """Return the previous frame's registrations, unchanged but for the pixels observed."""
     found: dict[str, list[ViewRegistration]] = {}

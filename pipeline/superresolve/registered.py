@@ -27,6 +27,8 @@ class RegisteredFrame:
     targets: tuple[str, ...]
     sources: tuple[str, ...]
     """Ids of the observed views."""
+    near: tuple[str, ...]
+    """Those of them that what has changed is made of."""
     still: Mapping[str, Still]
     """In a chain, by target: what has stood still, and for how long."""
     psf: Psf
@@ -42,8 +44,6 @@ class RegisteredFrame:
     has_moved: bool
     """Whether it shows the same from another place."""
     effort: Effort
-    motions_are_kept: bool
-    """Whether the motions are those of the frame before, unchanged."""
     turn: int
     """Frames since the chain began."""
     layers: Mapping[str, npt.NDArray[np.int32]] | None

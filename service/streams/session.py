@@ -17,6 +17,7 @@ from typing import Any
 
 from pipeline.colour import to_grey, to_rgb
 from pipeline.config import Settings
+from pipeline.effort import FULL, Effort, looked_at
 from pipeline.errors import Interrupted, PipelineError, SceneError
 from pipeline.frames import MultiViewFrame, View
 from pipeline.media.live_frames import LiveFrames
@@ -258,9 +259,7 @@ class StreamSession:
             if choice.drop and self.options.real_time:
                 self._account(assembled, {}, problem="too late")
                 return
-            frame = self._decoded(
-                assembled, is_alone=self.options.real_time and choice.rung.effort.alone
-            )
+            frame = self._decoded(assembled, choice.rung.effort if self.options.real_time else FULL)
             marks.append(self._clock())
             result = self._superresolved(frame, choice)
             marks.append(self._clock())
@@ -284,7 +283,7 @@ class StreamSession:
             **sent.seconds,
             "total": end - sent.seconds["pictures"] - marks[0],
         }
-        self._controller.end(choice, end - marks[1])
+        self._controller.end(choice, end - marks[1], seconds["superresolve"])
         progress.frames_done += 1
         progress.bytes_out += sent.bytes
         progress.size = sent.size
@@ -292,23 +291,23 @@ class StreamSession:
         self._latency.add(seconds)
         self._account(assembled, seconds, effort=self._words(choice))
 
-    def _decoded(self, assembled: AssembledFrame, *, is_alone: bool) -> MultiViewFrame:
+    def _decoded(self, assembled: AssembledFrame, effort: Effort) -> MultiViewFrame:
         """Return the frame; pictures that cannot be used are left out as if they had not come.
 
         Parameters
         ----------
-        is_alone : bool
-            Whether the eyes' pictures are all that is looked at.
+        effort : Effort
+            Only what that looks at is decoded.
         """
         color, depth = (
-            {
-                view: item.content
-                for (view, kind), item in assembled.parts.items()
-                if kind is part
-                and not (is_alone and (part is Part.DEPTH or view not in self.manifest.pair))
-            }
+            {view: item.content for (view, kind), item in assembled.parts.items() if kind is part}
             for part in Part
         )
+        if not effort.registers:
+            looked = looked_at(
+                effort, self.manifest.view_ids, self.manifest.pair, assembled.frame_index
+            )
+            color, depth = {view: color[view] for view in looked if view in color}, {}
         decoded, refused = self._frames.decode(color, depth)
         for item in refused:
             self._progress.pictures_refused += 1
@@ -320,7 +319,7 @@ class StreamSession:
                 f"cannot be used: {', '.join(named(frozenset(missing)))}",
                 frame=assembled.frame_index,
             )
-        return self._frames.frame(assembled.frame_index, decoded, needs_depth=not is_alone)
+        return self._frames.frame(assembled.frame_index, decoded, needs_depth=effort.registers)
 
     def _superresolved(self, frame: MultiViewFrame, choice: Choice) -> FrameResult:
         """Return the result with the effort chosen; all of it where no rate is to be held."""

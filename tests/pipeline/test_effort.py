@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import replace
 
 import cv2
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from pipeline.config import Settings
-from pipeline.effort import Effort, nearest_views
+from pipeline.effort import Effort, looked_at, nearest_views
 from pipeline.errors import ConfigurationError
 from pipeline.metrics import psnr
 from pipeline.reconstruction.fused import initial_estimate
@@ -19,6 +20,7 @@ from pipeline.synthetic import SampleScene
 
 SCENE = SampleScene(width=112, height=80, num_views=5)
 TARGETS = tuple(SCENE.view_ids[number] for number in SCENE.reference_views)
+ALONE = {"alone": True, "refresh_every": None}
 SETTINGS = Settings(psf_sigma=1.0, noise_sigma=1.0, sampling="decimation", temporal="warm")
 
 
@@ -44,11 +46,31 @@ def _score(result, number):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"steps": 0}, {"views": 0}, {"steps": -3}, {"register_every": 0}]
-)
+    "wrong",
+    [
+        {"steps": 0}, {"views": 0}, {"steps": -3}, {"register_every": 0}, {"refresh_every": 0},
+        {"refresh_every": None}, {"refresh_every": None, "register": False},
+    ],
+)  # fmt: skip
 def test_an_effort_of_nothing_is_refused(wrong):
-    with pytest.raises(ConfigurationError, match="must be 1 or more"):
+    with pytest.raises(ConfigurationError, match="must be"):
         Effort(**wrong)
+
+
+def test_every_other_view_is_looked_at_in_its_turn_and_the_targets_always():
+    names, targets = ("a", "b", "c", "d", "e"), ("c", "d")
+    in_turn, alone = Effort(alone=True), Effort(alone=True, refresh_every=None)
+    found = [looked_at(in_turn, names, targets, number) for number in range(3)]
+    assert all(set(targets) < set(views) and len(views) == 3 for views in found)
+    assert set().union(*found) == set(names)
+    assert looked_at(in_turn, targets, targets, 0) == targets
+    assert looked_at(alone, names, targets, 1) == targets
+    for every in (Effort(), Effort(views=2), Effort(register=False)):
+        assert looked_at(every, names, targets, 1) == names
+    nearest = Effort(register=False, views=3)
+    assert [looked_at(nearest, names, targets, number) for number in range(2)] == [
+        ("a", "b", "c", "d"), ("b", "c", "d", "e"),
+    ]  # fmt: skip
 
 
 def test_the_nearest_views_are_kept_and_the_targets_always():
@@ -71,23 +93,43 @@ def test_fewer_steps_and_views_are_taken_and_said(frames):
 
 
 def test_motions_are_kept_where_they_need_not_be_found_again(frames):
-    memory = Memory()
-    first = _take(frames[0], memory, register=False)
-    assert not first.report.motions_are_kept, "there is nothing to keep"
-    kept = [_take(frame, memory, register=False) for frame in frames[1:3]]
-    assert all(result.report.motions_are_kept for result in kept)
-    for result, number in zip(kept, (1, 2), strict=True):
-        assert _score(result, number) > _score(_take(frames[number]), number) - 0.5
-    again = _take(frames[1], memory)
-    assert not again.report.motions_are_kept
+    memory, alone = Memory(), Memory()
+    for one in (memory, alone):
+        _take(frames[0], one)
+    motions = memory.previous
+    for number in (1, 2, 3):
+        without_depth = tuple(replace(view, depth_map=None) for view in frames[number].views)
+        kept = _take(replace(frames[number], views=without_depth), memory, register=False)
+        assert memory.previous is motions
+        assert _score(kept, number) > _score(_take(frames[number]), number) - 0.5
+        less = _take(frames[number], alone, **ALONE)
+        assert _score(kept, number) > _score(less, number) + 0.2
+    _take(frames[4], memory)
+    assert memory.previous is not motions
+
+
+def test_without_motions_that_could_be_kept_each_eye_is_made_alone(frames):
+    result, alone = _take(frames[0], Memory(), register=False), _take(frames[0], **ALONE)
+    for eye in TARGETS:
+        np.testing.assert_array_equal(result.images[eye].luma, alone.images[eye].luma)
 
 
 def test_views_that_come_back_are_registered(frames):
     memory = Memory()
     _take(frames[0], memory, views=3)
-    back = _take(frames[1], memory, register=False)
-    assert not back.report.motions_are_kept
+    back = _take(frames[1], memory)
     assert len(back.report.targets[0].views) == 5
+
+
+def test_views_that_come_back_in_turn_are_registered_one_by_one(frames):
+    memory = Memory()
+    counts = [
+        len(_take(frame, memory, views=3, register_every=5).report.targets[0].views)
+        for frame in frames[:6]
+    ]
+    assert counts[0] == 3
+    assert counts[-1] == 5
+    assert all(now - before in (0, 1) for before, now in itertools.pairwise(counts))
 
 
 def _by_view(memory):
@@ -126,14 +168,29 @@ def test_views_registered_in_turn_are_worth_nearly_as_much(frames):
         assert _score(there, number) > _score(here, number) - 0.5
 
 
-def test_motions_of_views_that_are_left_out_for_a_while_are_kept(frames):
-    memory = Memory()
-    _take(frames[0], memory)
-    few = _take(frames[1], memory, views=3)
-    assert len(few.report.targets[0].views) == 3
-    back = _take(frames[2], memory, register=False)
-    assert back.report.motions_are_kept
-    assert len(back.report.targets[0].views) == 5
+def test_fewer_views_for_what_changes_leave_what_stands_still_to_all(frames):
+    few, eyes = Memory(), Memory()
+    for number, frame in enumerate(frames[:5]):
+        result = _take(frame, few, **({"views": 2} if number else {}))
+        pair = replace(frame, views=tuple(frame.view(target) for target in TARGETS))
+        less = _take(pair, eyes)
+        assert len(result.report.targets[0].views) == 5
+    still = few.still[TARGETS[0]].count.repeat(2, 0).repeat(2, 1) >= 4
+    errors = [one.images[TARGETS[0]].luma[still] - _truth(4)[still] for one in (result, less)]
+    ours, theirs = (np.square(error).mean() for error in errors)
+    assert ours < theirs
+
+
+def test_what_stands_still_is_refreshed_where_changes_are_made_alone(frames):
+    """An eye of itself alone remembers, and forgets piece by piece; with a turn it learns."""
+    scores = {}
+    for every in (None, 2):
+        memory = Memory()
+        _take(frames[0], memory)
+        for frame in frames[1:]:
+            result = _take(frame, memory, alone=True, refresh_every=every)
+        scores[every] = _score(result, 6)
+    assert scores[2] > scores[None] + 0.2
 
 
 def _enlarged(frame):
@@ -144,7 +201,7 @@ def test_an_eye_of_itself_alone_keeps_what_stands_still_and_no_ghost_of_what_mov
     memory = Memory()
     before = _take(frames[0], memory)
     for number in (1, 2, 3):
-        result = _take(frames[number], memory, alone=True)
+        result = _take(frames[number], memory, **ALONE)
         assert result.report.effort.alone
         now, last = (item.images[TARGETS[0]].luma for item in (result, before))
         changed = memory.still[TARGETS[0]].changed.repeat(2, 0).repeat(2, 1)
@@ -152,30 +209,32 @@ def test_an_eye_of_itself_alone_keeps_what_stands_still_and_no_ghost_of_what_mov
         assert 0 < moves.mean() < 0.5
         far = cv2.dilate(changed.astype(np.uint8), None, iterations=6) == 0
         assert (now == last)[far].mean() > 0.8
-        cold = _take(frames[number], alone=True).images[TARGETS[0]].luma
+        cold = _take(frames[number], **ALONE).images[TARGETS[0]].luma
         assert np.abs(now - cold)[moves].mean() < 0.2 * np.abs(last - cold)[moves].mean()
         assert _score(result, number) > psnr(_enlarged(frames[number]), _truth(number), border=12)
         before = result
 
 
-def test_what_was_made_of_an_eye_alone_is_made_of_all_views_again(frames):
+@pytest.mark.parametrize("less", [{"register": False}, {"alone": True}, ALONE], ids=str)
+def test_what_was_made_with_less_is_made_with_all_again(frames, less):
     memory, whole = Memory(), Memory()
     for number, frame in enumerate(frames):
         expected = _take(frame, whole)
-        result = _take(frame, memory, alone=number in (1, 2, 3))
+        result = _take(frame, memory, **(less if number in (1, 2, 3) else {}))
     assert _score(result, 6) > _score(expected, 6) - 0.2
 
 
-def test_a_cut_is_seen_through_by_an_eye_alone(frames):
+@pytest.mark.parametrize("less", [{"register": False}, {"alone": True}, ALONE], ids=str)
+def test_a_cut_is_seen_through_where_nothing_is_registered(frames, less):
     memory = Memory()
     _take(frames[0], memory)
     turned = replace(
         frames[1],
         views=tuple(replace(view, luma=view.luma[::-1, ::-1].copy()) for view in frames[1].views),
     )
-    result, cold = _take(turned, memory, alone=True), _take(turned, alone=True)
+    result, cold = _take(turned, memory, **less), _take(turned, **less)
     smaller = SampleScene(width=96, height=72, num_views=5).frame(2)
-    assert _take(smaller, memory, alone=True).images[TARGETS[0]].luma.shape == (144, 192)
+    assert _take(smaller, memory, **less).images[TARGETS[0]].luma.shape == (144, 192)
     assert _take(smaller, memory).images[TARGETS[0]].luma.shape == (144, 192)
     for eye in TARGETS:
         away = np.abs(result.images[eye].luma - cold.images[eye].luma)

@@ -14,6 +14,7 @@ from pipeline.realtime import (
     CALM,
     COLD,
     FAR_TOO_MUCH,
+    IN_VAIN,
     JUDGED,
     LONGEST_CALM,
     PATIENCE,
@@ -85,8 +86,8 @@ def test_each_rung_has_less_than_the_one_above_in_the_stated_order(num_views, nu
     def wealth(rung):
         effort = rung.effort
         return (
-            not effort.alone, effort.views or infinite, -effort.register_every,
-            effort.steps or infinite,
+            not effort.alone, effort.refresh_every is not None, effort.register,
+            effort.views or infinite, -effort.register_every, effort.steps or infinite,
         )  # fmt: skip
 
     assert list(map(wealth, rungs)) == sorted(map(wealth, rungs), reverse=True)
@@ -159,7 +160,66 @@ def test_it_settles_however_wrong_the_work_of_the_rungs_is_estimated(factors, lo
         controller.end(choice, load * works[choice.level] * BUDGET)
     assert any(load * works[level] <= 1 or level == len(works) - 1 for level in levels)
     ups = [there for here, there in itertools.pairwise(levels) if there < here]
-    assert len(ups) <= 2
+    assert len(ups) <= 1 + len(levels) // CALM
+
+
+def _settled(load, beside, count, controller=None):
+    """Return the levels of frames in time whose rung decides on a part of their cost only.
+
+    Parameters
+    ----------
+    load, beside : float
+        Shares of the budget: of what a rung decides on at full quality, and of the rest.
+    """
+    controller, works, levels = controller or _controller(), _works(), []
+    for _ in range(count):
+        choice = controller.begin(0.0)
+        levels.append(choice.level)
+        worked = load * works[choice.level] * BUDGET
+        controller.end(choice, worked + beside * BUDGET, worked)
+    return levels
+
+
+@given(st.floats(0.1, 20), st.floats(0.0, 0.8))
+def test_it_goes_at_once_where_the_rest_of_a_frame_leaves_time_for(load, beside):
+    """What no rung changes is told, and not taken for what one does."""
+    works = _works()
+    levels = _settled(load, beside, JUDGED + 3)
+    fits = [beside + load * work <= AIM for work in works]
+    hardly = [
+        beside + load * work <= (1 + 1.01 * IN_VAIN) * (beside + load * works[-1])
+        for work in works
+    ]  # fmt: skip
+    if load + beside > 1:
+        assert fits[levels[-1]] or hardly[levels[-1]]
+        assert not any(fits[: levels[-1]]), "no farther than it must"
+    else:
+        assert set(levels) == {0}
+
+
+@given(st.floats(0.01, 0.04), st.floats(1.05, 3.0))
+def test_quality_does_not_go_down_in_vain(load, beside):
+    assert set(_settled(load, beside, 60)) == {0}
+
+
+@given(st.floats(0.1, 20), st.floats(0.0, 0.8))
+def test_it_is_never_above_its_budget_for_long_and_seldom_changes(load, beside):
+    works = _works()
+    levels = _settled(load, beside, 1500)[500:]
+    lasts = beside + load * works[-1] > 1
+    above = sum(beside + load * works[level] > 1 for level in levels)
+    changes = sum(here != there for here, there in itertools.pairwise(levels))
+    assert lasts or above <= JUDGED * (1000 / LONGEST_CALM + 2)
+    assert changes <= 2 * (1000 / LONGEST_CALM + 2)
+
+
+@given(st.floats(1.2, 20), st.floats(0.0, 0.5))
+def test_it_recovers_once_there_is_time_again(load, beside):
+    controller = _controller()
+    _settled(load, beside, 50, controller)
+    levels = _settled(0.2, 0.2, 2 * CALM * (len(controller.rungs) + 1), controller)
+    assert levels == sorted(levels, reverse=True)
+    assert controller.level == 0
 
 
 def test_quality_comes_back_after_a_calm():

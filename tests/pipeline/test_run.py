@@ -565,8 +565,9 @@ def test_where_each_eye_is_made_alone_no_other_view_is_read(tmp_path):
     class Slow(worker(enlarge)):
         def take(self, frame, *, effort, neighbours):
             nonlocal now
-            assert effort.alone or len(frame.views) == 3
-            now += 0.016 if effort.alone else 0.1
+            is_last = effort.refresh_every is None
+            assert is_last or len(frame.views) == 3
+            now += 0.016 if is_last else 0.1
             return enlarge(frame, self.settings, targets=("cam0", "cam1"))
 
     settings = Settings(temporal="warm", realtime=True, rate=50.0)
@@ -582,4 +583,4 @@ def test_where_each_eye_is_made_alone_no_other_view_is_read(tmp_path):
     assert read[0] is None
     assert {"cam0", "cam1"} in [set(only) for only in read if only is not None]
     assert sum(only is not None for only in read) > 20
-    assert summary.report["realtime"]["frames_by_rung"]["each eye alone"] > 20
+    assert summary.report["realtime"]["frames_by_rung"]["each eye alone"] > 15
