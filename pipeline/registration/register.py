@@ -35,8 +35,10 @@ from pipeline.registration.strips import register_strips
 from pipeline.registration.verdict import registered_view
 from pipeline.registration.window_fits import windows_of
 from pipeline.registration.windows import (
+    LEAST_PARALLAX,
     Landed,
     WindowFit,
+    depth_fits,
     land,
     pixels_of,
     pixels_per_nearness,
@@ -56,10 +58,6 @@ __all__ = [
 
 NUM_LEVELS = 5
 """Pyramid levels, the LR image included."""
-
-LEAST_PARALLAX = 1.0
-"""Displacement between the nearest and the farthest from which landing points tell depth, LR
-pixels."""
 
 
 def prepare_views(views: Sequence[View], *, metric: bool) -> dict[str, PreparedView]:
@@ -91,7 +89,12 @@ def register_views(
     previous : Previous, optional
         The previous frame: what has not changed since then keeps its motion.
     """
-    if previous is not None and method.layout is Layout.WINDOWS and method.refine:
+    if (
+        previous is not None
+        and method.layout is Layout.WINDOWS
+        and method.refine
+        and _depth_fits(prepared, _by_views(previous, targets), targets, sources)
+    ):
         again = _register_moved if previous.has_moved else _register_again
         return again(prepared, targets, sources, method, noise, thresholds, previous)
     first, *others = targets
@@ -324,6 +327,25 @@ def register_some(
         target: [anew.get((target, source)) or missed(target, source) for source in sources]
         for target in targets
     }
+
+
+def _depth_fits(
+    prepared: Mapping[str, PreparedView],
+    old: Mapping[tuple[str, str], ViewRegistration],
+    targets: Sequence[str],
+    sources: Sequence[str],
+) -> bool:
+    """Return whether depth still means to the rig what it meant in the frames before.
+
+    Depth that is normalised frame by frame, say, has another unit in each.
+    """
+
+    def onto_another(source: str) -> ViewRegistration | None:
+        found = (old.get((target, source)) for target in targets if target != source)
+        return next((one for one in found if one is not None and one.motions is not None), None)
+
+    befores = ((source, onto_another(source)) for source in sources)
+    return all(before is None or depth_fits(prepared[source], before) for source, before in befores)
 
 
 def _together(

@@ -75,6 +75,17 @@ SMALLEST_ACROSS, LARGEST_ACROSS = 0.01, 0.5
 FEWEST_PATCHES = 30
 """Fitted patches below which the view's parallax motion is not refitted."""
 
+LEAST_PARALLAX = 1.0
+"""Displacement between the nearest and the farthest from which landing points tell depth, LR
+pixels."""
+
+OTHER_UNIT = 0.2
+"""Share of the range of depth by which the depth map may differ from what motions tell, at its
+middle and ends, before it counts as one in another unit."""
+
+PATCHES_ASKED = 200
+"""About so many windows are asked for that, where there are more."""
+
 ACROSS_THROUGH = 0.1
 """The prior across the parallax where it was composed of two others, LR pixels."""
 
@@ -335,6 +346,30 @@ def along_parallax(
     away = landed - parallax.land(points[:, 0], points[:, 1], nearness)
     length2 = np.maximum((derivative**2).sum(axis=1), 1e-12)
     return nearness + (away * derivative).sum(axis=1) / length2
+
+
+def depth_fits(source: PreparedView, before: ViewRegistration) -> bool:
+    """Return whether a view's depth map is in the unit of the frame before's parallax motion.
+
+    Compared are the middle and the ends of what the depth map says at the centres of that frame's
+    windows, and of what their motions tell. True where that frame tells nothing.
+    """
+    fitted, parallax = before.motions, before.parallax
+    if fitted is None or parallax is None or source.depth_range == 0:
+        return True
+    good = np.flatnonzero(well_fitted(fitted))
+    if len(good) < FEWEST_PATCHES:
+        return True
+    some = good[:: max(1, len(good) // PATCHES_ASKED)]
+    x, y, _ = motions.centres(fitted.patches)
+    points = np.stack([x, y], axis=-1)[some]
+    landed = points + fitted.motion[some][:, [0, 6]]
+    said = _nearness_at(source, points)
+    told = along_parallax(points, landed, said, parallax)
+    ends = [np.percentile(nearness, (10, 50, 90)) for nearness in (said, told)]
+    extent = max(np.ptp(end) for end in ends)
+    moves = pixels_per_nearness(source, parallax) * extent
+    return bool(moves < LEAST_PARALLAX or np.abs(ends[0] - ends[1]).max() < OTHER_UNIT * extent)
 
 
 def _start_through(

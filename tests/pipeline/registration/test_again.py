@@ -151,3 +151,14 @@ def test_a_cell_that_has_drifted_is_repaired_when_it_is_probed(frame, cold):
             break
         assert away == pytest.approx(0.6)
     assert repaired
+
+
+@pytest.mark.parametrize("unit", [0.7, 1.4, 5.0])
+def test_depth_in_another_unit_is_registered_as_from_scratch(frame, cold, unit):
+    """The motions of before and their parallax are told by depth in the old one."""
+    views = [replace(view, depth_map=unit * view.depth_map + 0.1) for view in frame.views]
+    other = replace(frame, views=tuple(views))
+    ours, alone = (_other(_previous(other, before), frame) for before in (cold, None))
+    np.testing.assert_array_equal(ours.registered.position, alone.registered.position)
+    again = _other(_previous(frame, cold), frame)
+    assert again.parallax is _other(cold, frame).parallax, "depth in the same unit is no reason"
