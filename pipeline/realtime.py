@@ -100,7 +100,10 @@ LITTLE = 0.75
 """Share of the budget below which a frame is calm."""
 
 CALM, LONGEST_CALM = 16, 256
-"""Calm frames in a row before quality goes up, at first and at most."""
+"""Calm frames before quality goes up, at first and at most."""
+
+RESTLESS = 4
+"""Calm frames that one that is not takes back: now and then there is one on any machine."""
 
 TRIAL = 16
 """Frames within which a rung up that has to be taken back counts as a mistake."""
@@ -335,14 +338,14 @@ class Controller:
             return
         self._since_up += 1
         self._costs = [*self._costs, cost][-JUDGED:]
-        self._calm = self._calm + 1 if cost < LITTLE else 0
+        self._calm = self._calm + 1 if cost < LITTLE else max(0, self._calm - RESTLESS)
         load = self._load()
         was_guess, self._is_guess = self._is_guess, self._is_guess and cost > TOO_MUCH
         if was_guess and cost <= TOO_MUCH and self._level_for(cost, 0) < self.level:
             self._move(self._level_for(cost, 0))
         elif load > TOO_MUCH:
             self._down(load)
-        elif self._calm >= self._calm_needed and self.level > 0:
+        elif self.level > 0 and self._calm >= self._calm_before_up():
             self._move(self.level - 1, climbs=True)
             self._since_up = 0
 
@@ -371,11 +374,20 @@ class Controller:
         load : float
             Share of the budget that frames take at the rung of now.
         """
-        beside = min(load, statistics.median(self._beside))
-        of_one = (load - beside) / self._rungs[self.level].work(self.num_views)
-        costs = [beside + of_one * rung.work(self.num_views) for rung in self._rungs]
+        costs = self._expected(load)
         bound = max(AIM, (1 + IN_VAIN) * costs[-1])
         return next(level for level in range(highest, len(costs)) if costs[level] <= bound)
+
+    def _expected(self, load: float) -> list[float]:
+        """Return the share of the budget that frames should take on each rung."""
+        beside = min(load, statistics.median(self._beside))
+        of_one = (load - beside) / self._rungs[self.level].work(self.num_views)
+        return [beside + of_one * rung.work(self.num_views) for rung in self._rungs]
+
+    def _calm_before_up(self) -> int:
+        """Return how many calm frames are asked for: most where a rung up should be too much."""
+        expected = self._expected(statistics.median(self._costs))[self.level - 1]
+        return LONGEST_CALM if expected > TOO_MUCH else self._calm_needed
 
     def _move(self, level: int, *, climbs: bool = False) -> None:
         self.level, self._costs, self._calm = level, [], 0

@@ -234,6 +234,31 @@ def test_quality_comes_back_after_a_calm():
     assert controller.level == 0
 
 
+def test_a_restless_frame_now_and_then_does_not_keep_quality_down():
+    controller = _controller()
+    _run(controller, [2 * BUDGET] * 4)
+    low = controller.level
+    _run(controller, ([0.5 * BUDGET] * 9 + [0.95 * BUDGET]) * 6)
+    assert controller.level < low
+
+
+@given(st.floats(0.1, 0.2), st.floats(0.35, 0.5))
+def test_a_rung_up_that_should_be_too_much_is_seldom_tried(worked, beside):
+    """From the last rung, whose work is half of that of the one above it and less."""
+    controller = _controller()
+    last = len(controller.rungs) - 1
+    _run(controller, [100 * BUDGET] * 4)
+    ups = 0
+    for _ in range(LONGEST_CALM + CALM):
+        choice = controller.begin(0.0)
+        factor = _works()[choice.level] / _works()[last]
+        cost = (beside + 2 * worked * factor) * BUDGET
+        controller.end(choice, cost, 2 * worked * factor * BUDGET)
+        ups += controller.level < choice.level
+    fits = beside + 2 * worked * _works()[last - 1] / _works()[last] <= 1
+    assert ups >= 1 if fits else ups <= 1
+
+
 def test_a_load_between_two_rungs_does_not_make_it_swing():
     """Rung 3 fits and rung 2 does not: trials become rarer and rarer."""
     controller = _controller()
