@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from pipeline.config import Settings
+from pipeline.config import Settings, Solver
 from pipeline.effort import FULL, Effort, looked_at, nearest_views
 from pipeline.frames import MultiViewFrame
 from pipeline.reconstruction.again import Due
@@ -56,7 +56,8 @@ def restore_frame(
         clock.done("preparation")
         if any(memory.still[target].touched.mean() > MOSTLY_CHANGED for target in targets):
             memory.move_on()
-        known = memory.known_views() if effort.refresh_every else {}
+        is_refreshed = effort.refresh_every is not None and settings.solver == Solver.FUSED
+        known = memory.known_views() if is_refreshed else {}
 
         def restore(target: str) -> Restored:
             still = memory.still[target]

@@ -114,6 +114,17 @@ def test_without_motions_that_could_be_kept_each_eye_is_made_alone(frames):
         np.testing.assert_array_equal(result.images[eye].luma, alone.images[eye].luma)
 
 
+def test_what_another_solver_has_made_is_not_refreshed_by_the_fused_one(frames):
+    settings = replace(SETTINGS, solver="pocs", sweeps=1)
+    found = []
+    for effort in (Effort(register=False), Effort(**ALONE)):
+        memory = Memory()
+        for frame, less in zip(frames[:2], (Effort(), effort), strict=True):
+            result = superresolve(frame, settings, targets=TARGETS, memory=memory, effort=less)
+        found.append(result.images[TARGETS[0]].luma)
+    np.testing.assert_array_equal(*found)
+
+
 def test_views_that_come_back_are_registered(frames):
     memory = Memory()
     _take(frames[0], memory, views=3)
