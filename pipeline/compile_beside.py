@@ -47,7 +47,8 @@ def compile_reconstruction() -> None:
     )
     reconstruct_frame(alone)
     both = {LEFT: [own, replace(own, registered=other)]}
-    reconstruct_frame(replace(alone, sources=(LEFT, RIGHT), registrations=both))
+    views = (LEFT, RIGHT)
+    reconstruct_frame(replace(alone, sources=views, near=views, registrations=both))
 
 
 HALVES: tuple[Callable[[], None], ...] = (compile_registration, compile_reconstruction)
