@@ -11,6 +11,7 @@ import pytest
 from dscqs.errors import DscqsError, NotFound, OrderError, UsedUp
 from dscqs.sqlite_store import SqliteSessionStore
 from dscqs.store import MemorySessionStore, SessionRecord, SessionStore, TestRecord
+from tests.support.waiting import PATIENCE
 
 TEST = TestRecord(id="t1", name="set 1", plan={"name": "set 1"}, files={}, created=1.0)
 SESSION = SessionRecord(
@@ -177,7 +178,7 @@ def test_appends_of_many_at_once_are_all_there_and_a_bad_one_harms_no_other(tmp_
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(60)
+        thread.join(PATIENCE)
     assert len(refused) == 8 * 20
     for number in range(8):
         events = store.events(f"s{number}")

@@ -21,6 +21,7 @@ from pipeline.config import Settings
 from pipeline.errors import ClusterError, Interrupted, SceneError
 from pipeline.events import FrameFinished, SegmentFinished
 from pipeline.job import Job, OutputOptions
+from pipeline.media.media_sink import MediaSink
 from pipeline.run import run_job
 from pipeline.stop import StopFlag
 from pipeline.synthetic import SampleScene, write_scene
@@ -91,6 +92,21 @@ def manifest(tmp_path_factory):
     return write_scene(folder, scene, num_frames=NUM_FRAMES, noise_sigma=2.0)
 
 
+class Held(MediaSink):
+    """A sink that, once a segment is finished, goes on amid the next when the run is over only."""
+
+    def write_segment(self, segment, stem, results):
+        def held():
+            results_of_it = iter(results)
+            yield next(results_of_it)
+            folder = stem.parent
+            while any(folder.glob("segment-*.json")) and any(folder.glob("*.run")):
+                time.sleep(0.01)
+            yield from results_of_it
+
+        return super().write_segment(segment, stem, held())
+
+
 def _job(manifest: Path, folder: Path, *, segment_length: int = 2) -> Job:
     folder.mkdir()
     return Job(
@@ -130,7 +146,7 @@ def test_a_worker_keeps_what_it_compiles_where_every_process_does(tmp_path):
         key: value for key, value in os.environ.items() if not key.startswith(("NUMBA", "DEPTHSR"))
     }
     done = subprocess.run(
-        [sys.executable, "-c", program, call], check=True, timeout=60, text=True,
+        [sys.executable, "-c", program, call], check=True, timeout=PATIENCE, text=True,
         stdout=subprocess.PIPE, cwd=ROOT, env={**environment, "DEPTHSR_CACHE": str(tmp_path)},
     )  # fmt: skip
     assert Path(done.stdout.strip()) == tmp_path / "numba"
@@ -174,12 +190,13 @@ def test_a_stop_ends_the_workers_tasks_and_a_resumed_run_goes_on(
             stop.set()
             stopped.append(time.monotonic())
 
-    with ClusterEngine(cluster.address, patience=PATIENCE) as engine:
+    with ClusterEngine(cluster.address, patience=PATIENCE, make_sink=Held) as engine:
         with pytest.raises(Interrupted):
             run_job(job, engine=engine, on_event=on_event, stop=stop)
         assert time.monotonic() - stopped[0] < 60
         until(lambda: not any(engine._client.processing().values()))
-        assert not (tmp_path / "job" / "out.mkv").exists()
+    assert not (tmp_path / "job" / "out.mkv").exists()
+    with ClusterEngine(cluster.address, patience=PATIENCE) as engine:
         summary = run_job(job, engine=engine, resume=True)
     assert 0 < summary.frames_computed < NUM_FRAMES
     assert _bytes(tmp_path / "job") == local

@@ -19,6 +19,7 @@ from pipeline.media.video_format import Container, VideoCodec, VideoFormat, sugg
 from pipeline.stereo import StereoLayout, pack
 from pipeline.stop import StopFlag
 from tests.support.needed import program
+from tests.support.waiting import PATIENCE
 
 HEIGHT, WIDTH, FRAMES, FIRST = 96, 256, 5, 7
 BARS = ((191, 191, 191), (191, 191, 0), (0, 191, 191), (0, 191, 0),
@@ -110,7 +111,9 @@ def _mpv(path) -> str:
     """Return the stereo mode that mpv takes a file for."""
     words = [program("mpv"), "--no-config", "--vo=null", "--ao=null", "--frames=1",
              "--term-playing-msg=IN=${video-params/stereo-in}", str(path)]  # fmt: skip
-    said = subprocess.run(words, capture_output=True, text=True, check=True, timeout=60).stdout
+    said = subprocess.run(
+        words, capture_output=True, text=True, check=True, timeout=PATIENCE
+    ).stdout
     return said.partition("IN=")[2].split()[0]
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from pipeline import numba_cache
 from pipeline.numba_cache import prepare_numba_cache
+from tests.support.waiting import PATIENCE
 
 
 def test_a_folder_that_is_set_stays(tmp_path):
@@ -90,5 +91,5 @@ def test_numba_writes_where_it_was_told_to(tmp_path):
         "DEPTHSR_CACHE": str(tmp_path / "cache"),
         "PYTHONPATH": f"{root}{os.pathsep}{tmp_path}",
     }
-    subprocess.run([sys.executable, "-c", program], env=environment, check=True, timeout=120)
+    subprocess.run([sys.executable, "-c", program], env=environment, check=True, timeout=PATIENCE)
     assert list((tmp_path / "cache" / "numba").rglob("kernel.twice*.nbi"))

@@ -24,6 +24,7 @@ from pipeline.threads import (
     stoppable,
     thread_count,
 )
+from tests.support.waiting import PATIENCE
 
 
 @pytest.fixture(autouse=True)
@@ -69,7 +70,7 @@ def digest_of_a_frame() -> str:
 def test_how_many_threads_numpy_was_given_changes_no_bit():
     program = "from tests.pipeline.test_threads import digest_of_a_frame as d; print(d())"
     alone = subprocess.run(
-        [sys.executable, "-c", program], check=True, timeout=300, text=True,
+        [sys.executable, "-c", program], check=True, timeout=PATIENCE, text=True,
         stdout=subprocess.PIPE, cwd=Path(__file__).parents[2],
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"},
     )  # fmt: skip

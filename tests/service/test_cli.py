@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from service.cli import main, make_parser
+from tests.support.hanging import hanging, wait_until_stopped
 from tests.support.waiting import PATIENCE
 
 ROOT = Path(__file__).parents[2]
@@ -228,28 +229,20 @@ def _num_segments(folder: Path) -> int:
     return len(list(folder.glob(".out.mkv.depthsr/segment-*.json")))
 
 
-def _wait_for_segments(folder: Path, process: subprocess.Popen, count: int) -> None:
-    """Return when that many segments are finished; fail if the process ends before."""
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        if _num_segments(folder) >= count:
-            return
-        assert process.poll() is None, process.communicate()[1]
-        time.sleep(0.002)
-    pytest.fail("no segment came about")
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_interrupted_and_resumed_run_ends_with_the_same_bytes(scene, undisturbed, tmp_path, number):
     options = ("run", scene, "-o", tmp_path / "out.mkv", "--segment-length", 1)
-    process = _start(*options)
-    _wait_for_segments(tmp_path, process, 2)
-    begin, finished = time.monotonic(), _num_segments(tmp_path)
+    held = hanging(tmp_path / "held", "service", finished=2)
+    process = _start(*options, env={**os.environ, **held})
+    wait_until_stopped(process.pid)
+    assert _num_segments(tmp_path) == 2
+    begin = time.monotonic()
     process.send_signal(number)
+    process.send_signal(signal.SIGCONT)
     _, err = process.communicate(timeout=PATIENCE)
     seconds = time.monotonic() - begin
     assert not (tmp_path / "out.mkv").exists()
-    assert finished <= _num_segments(tmp_path) <= finished + 3  # of 16: what was begun
+    assert 2 <= _num_segments(tmp_path) <= 5  # of 16: what was begun
     if number == signal.SIGKILL:
         assert process.returncode == -signal.SIGKILL
     else:
@@ -261,7 +254,7 @@ def test_interrupted_and_resumed_run_ends_with_the_same_bytes(scene, undisturbed
     assert done.returncode == 0, done.stderr
     assert "done before" in done.stderr
     assert (tmp_path / "out.mkv").read_bytes() == undisturbed.read_bytes()
-    assert [path.name for path in tmp_path.iterdir()] == ["out.mkv"]
+    assert {path.name for path in tmp_path.iterdir()} == {"held", "out.mkv"}
 
 
 def test_threads_do_not_change_the_bytes(scene, undisturbed, tmp_path):

@@ -23,6 +23,7 @@ from service.cli import main
 from service.client import Client
 from service.plan_files import find_stimuli, format_plan, read_plan
 from service.stimuli import make_stimuli, read_manifest
+from tests.support.waiting import PATIENCE
 
 
 def _eye(seed, height=24, width=32):
@@ -197,7 +198,7 @@ def test_a_finished_job_becomes_stimuli(live_service, tmp_path, output):
         "input": {"frames": "0:1"},
         "output": {"container": "mkv", **output},
     }
-    with Client(live_service.url) as client:
+    with Client(live_service.url, timeout=PATIENCE) as client:
         job = client.submit(request)
         for _ in client.events(job.id):
             pass

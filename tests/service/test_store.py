@@ -13,6 +13,7 @@ from pipeline.errors import ConfigurationError
 from service.jobs.states import Action, State, TransitionError
 from service.scheduler import lose, sweep
 from service.store import MIGRATIONS, KeyReusedError, Store
+from tests.support.waiting import PATIENCE
 
 
 class Clock:
@@ -149,7 +150,7 @@ def test_a_second_service_says_so_in_one_line(store):
     command = [sys.executable, "-m", "service", "serve", "--port", "0", "--zenoh", "off"]
     ended = subprocess.run(
         [*command, "--data", str(store.folder)],
-        capture_output=True, text=True, timeout=60,
+        capture_output=True, text=True, timeout=PATIENCE,
     )  # fmt: skip
     assert ended.returncode == 2
     assert ended.stdout == ""  # no address that nobody answers

@@ -17,6 +17,7 @@ from pathlib import Path
 import httpx
 
 from tests.service.http.test_api import follow, is_problem
+from tests.support.waiting import PATIENCE
 
 ROOT = Path(__file__).parents[2]
 CRASH = 9
@@ -92,7 +93,7 @@ def test_a_job_torn_off_at_any_write_ends_with_the_same_files(tiny_scene, tmp_pa
     call = "import sys; from tests.service.test_torn_writes import drive; drive(*sys.argv[1:])"
     done = subprocess.run(
         [sys.executable, "-c", call, str(tiny_scene), str(folder), str(again)],
-        capture_output=True, text=True, cwd=ROOT, timeout=600, check=False,
+        capture_output=True, text=True, cwd=ROOT, timeout=PATIENCE, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     statuses = [int(line) for line in done.stdout.split()]
@@ -108,7 +109,7 @@ def test_a_job_torn_off_at_any_write_ends_with_the_same_files(tiny_scene, tmp_pa
 
 
 def test_a_job_whose_files_are_gone_is_no_fault(live_service):
-    with httpx.Client(base_url=live_service.url, timeout=60) as api:
+    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as api:
         body = {"scene": "tiny", "input": {"frames": ":1"}}
         job = api.post("/api/v1/jobs", json=body).json()["id"]
         assert follow(api, job)[-1]["kind"] == "succeeded"

@@ -31,6 +31,19 @@ RECORD = """async () => {
 """Notes the frame's time and a pixel (2, 2) of the left eye's picture at every visible drawing."""
 
 
+SCREEN = """() => {
+  const ask = window.requestAnimationFrame.bind(window), held = [];
+  let now = 0, most = Infinity;
+  window.requestAnimationFrame = (callback) => window.drawn.length < most
+    ? ask(() => callback(now += 1000 / 60)) : held.push(callback);
+  window.standStillAfter = (drawings) => {
+    most = drawings;
+    held.splice(0).forEach(window.requestAnimationFrame);
+  };
+}"""
+"""A screen that is never late, and can be made to stand still after so many drawings."""
+
+
 @dataclass
 class AssessorPage:
     """One tab on the assessor's page."""
@@ -54,6 +67,14 @@ class AssessorPage:
 
     def record(self) -> None:
         self.page.evaluate(RECORD)
+
+    def take_screen(self) -> None:
+        """Let time pass by frames of a screen that are never late, however slow the machine."""
+        self.page.evaluate(SCREEN)
+
+    def stand_still_after(self, drawings: float) -> None:
+        """Stop the screen that was taken after so many drawings; let it go on where it stands."""
+        self.page.evaluate("(drawings) => window.standStillAfter(drawings)", drawings)
 
     def reload(self) -> None:
         self.page.reload()

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-PATIENCE = 300.0
+PATIENCE = 600.0
 """Seconds for anything: a busy machine may have to compile everything first. It costs nothing
 where all goes well."""
 

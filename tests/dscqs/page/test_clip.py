@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from dscqs.pixel_hash import hash_frames
+from tests.support.waiting import PATIENCE
 
 WIDTH, HEIGHT, COUNT = 74, 22, 30
 """Both eyes of 37 × 22; more frames than are decoded ahead."""
@@ -43,7 +44,7 @@ def encode(path: Path, frames: np.ndarray, options: list[str], pixels: str = "gb
             "-s", f"{WIDTH}x{HEIGHT}", "-r", "25", "-i", "-", *options, "-pix_fmt", pixels,
             str(path),
         ],
-        input=frames.tobytes(), check=True, timeout=120,
+        input=frames.tobytes(), check=True, timeout=PATIENCE,
     )  # fmt: skip
 
 

@@ -29,6 +29,7 @@ from pipeline.media.video_format import (
 )
 from pipeline.stereo import StereoLayout, pack, unpack
 from tests.support.needed import program
+from tests.support.waiting import PATIENCE
 
 NTSC = Fraction(30000, 1001)
 
@@ -630,7 +631,7 @@ video = video_format()
 
 def wait(*ignored):
     print("in the middle", flush=True)
-    time.sleep(60)
+    time.sleep(600)
 
 def frames():
     yield from moving_eyes(range(40), height=240, width=320)
@@ -654,7 +655,7 @@ def test_killed_in_the_middle_nothing_has_the_final_name(tmp_path, stage):
     ) as writer:  # fmt: skip
         assert writer.stdout.readline() == "in the middle\n"
         writer.send_signal(signal.SIGKILL)
-        writer.wait(60)
+        writer.wait(PATIENCE)
 
     left = [path.name for path in tmp_path.iterdir() if path.name != "s.mkv"]
     assert len(left) == 1

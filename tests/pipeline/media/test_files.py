@@ -21,6 +21,7 @@ from pipeline.media.files import (
     write_atomic,
 )
 from tests.support import needed
+from tests.support.waiting import PATIENCE
 
 
 @pytest.fixture
@@ -101,14 +102,14 @@ def test_a_killed_writer_leaves_nothing_under_the_final_name(tmp_path):
         "with atomic_path(Path(sys.argv[1])) as temporary:\n"
         "    temporary.write_bytes(b'x' * 100000)\n"
         "    print('written', flush=True)\n"
-        "    time.sleep(60)\n"
+        "    time.sleep(600)\n"
     )
     with subprocess.Popen(
         [sys.executable, "-c", program, str(final)], stdout=subprocess.PIPE, text=True
     ) as writer:
         assert writer.stdout.readline() == "written\n"
         writer.send_signal(signal.SIGKILL)
-        writer.wait(60)
+        writer.wait(PATIENCE)
 
     assert not final.exists()
     assert len(names(tmp_path)) == 1

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
+import contextlib
 import os
+import queue
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 from service.bus.bus import JPEG
@@ -17,8 +17,10 @@ from service.bus.zenoh_bus import ZenohBus
 FRAME = bytes(1_200_000)
 """As large as a JPEG of 4096×1536."""
 
-RATE = 15.0
-FRAMES = 60
+FRAMES = 40
+
+HELD_UP = 5.0
+"""So long a publisher that waits is held up, and all others with it, seconds."""
 
 SUBSCRIBER = """
 import sys, time
@@ -32,6 +34,7 @@ with ZenohBus(BusConfig(connect=(sys.argv[1],))) as bus:
 
 
 def test_a_stalled_subscriber_slows_nobody():
+    """One frame after the other: of what comes too fast a busy machine drops much."""
     with (
         ZenohBus(BusConfig(mode="router", listen=("tcp/127.0.0.1:0",))) as router,
         ZenohBus(BusConfig(connect=router.listening)) as sender,
@@ -42,33 +45,38 @@ def test_a_stalled_subscriber_slows_nobody():
         ) as stalled,
     ):  # fmt: skip
         assert stalled.stdout is not None
+        arrived: queue.Queue[tuple[int, float]] = queue.Queue()
+        publisher = sender.publisher("depthsr/a/out/left", encoding=JPEG, urgent=True)
+        begins: list[float] = []
+        puts: list[float] = []
+        numbers: list[int] = []
+        delays: list[float] = []
+
+        def send() -> None:
+            """Send one frame, and wait a little for it."""
+            number = len(begins)
+            begins.append(time.monotonic())
+            publisher.put(FRAME, b"%d" % number)
+            puts.append(time.monotonic() - begins[-1])
+            with contextlib.suppress(queue.Empty):
+                while not numbers or numbers[-1] < number:
+                    came, at = arrived.get(timeout=0.2)
+                    numbers.append(came)
+                    delays.append(at - begins[came])
+
         try:
             assert stalled.stdout.readline() == "ready\n"
-            arrived: list[tuple[int, float]] = []
             fast.subscribe(
                 "depthsr/a/out/left",
-                lambda item: arrived.append((int(item.attachment), time.monotonic())),
+                lambda item: arrived.put((int(item.attachment), time.monotonic())),
             )
-            publisher = sender.publisher("depthsr/a/out/left", encoding=JPEG, urgent=True)
-            pause = threading.Event()
-            while not arrived:
-                publisher.put(FRAME, b"-1")
-                pause.wait(0.2)
+            while not numbers:
+                send()
             os.kill(stalled.pid, signal.SIGSTOP)
-            arrived.clear()
-            puts = []
-            for number in range(FRAMES):
-                begin = time.monotonic()
-                publisher.put(FRAME, b"%d" % number)
-                puts.append(time.monotonic() - begin)
-                pause.wait(max(0.0, 1 / RATE - puts[-1]))
-            pause.wait(1.0)
+            while len(numbers) < FRAMES:
+                send()
         finally:
             stalled.kill()
-    numbers = [number for number, _ in arrived]
-    times = [at for _, at in arrived]
-    gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
-    assert numbers == sorted(numbers)
-    assert len(numbers) > 0.8 * FRAMES
-    assert max(puts) < 1.0
-    assert max(gaps) < 1.5  # a publisher that waits is held up for 5 s, and all others with it
+    assert numbers == sorted(set(numbers))
+    assert max(puts) < HELD_UP
+    assert max(delays) < HELD_UP

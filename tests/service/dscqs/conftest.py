@@ -19,6 +19,7 @@ from service.config import ServiceConfig
 from service.dscqs_client import AssessorClient, OperatorClient
 from service.http.dscqs_access import TOKEN_FILE
 from tests.service.dscqs.support import CONDITIONS, CONTENTS, REFERENCE, write_stimuli
+from tests.support.waiting import PATIENCE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +55,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         app=app, url=f"http://127.0.0.1:{port}", data=folder / "data", root=folder / "roots"
     )
     server.should_exit = True
-    thread.join(60)
+    thread.join(PATIENCE)
     assert not thread.is_alive()
 
 
@@ -81,7 +82,7 @@ def make_http(served: Served) -> Iterator[Callable[[], httpx.Client]]:
     made: list[httpx.Client] = []
 
     def make() -> httpx.Client:
-        made.append(httpx.Client(base_url=served.url, timeout=60))
+        made.append(httpx.Client(base_url=served.url, timeout=PATIENCE))
         return made[-1]
 
     yield make

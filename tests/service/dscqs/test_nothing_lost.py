@@ -14,6 +14,7 @@ from dscqs.votes import parse_csv
 from service.dscqs_client import AssessorClient, DscqsClientError, OperatorClient
 from service.http.dscqs_access import TOKEN_FILE
 from tests.service.dscqs.support import KillableService, walk, write_stimuli
+from tests.support.waiting import PATIENCE
 
 
 @pytest.fixture
@@ -35,8 +36,8 @@ def killable(tmp_path):
 def clients(killable):
     service, plan = killable
     with (
-        httpx.Client(base_url=service.url, timeout=60) as for_operator,
-        httpx.Client(base_url=service.url, timeout=60) as for_assessor,
+        httpx.Client(base_url=service.url, timeout=PATIENCE) as for_operator,
+        httpx.Client(base_url=service.url, timeout=PATIENCE) as for_assessor,
     ):
         operator = OperatorClient(http=for_operator)
         operator.login((service.data / TOKEN_FILE).read_text().strip())
@@ -100,7 +101,7 @@ def test_a_kill_in_the_middle_of_a_vote(killable, clients):
     operator, _, test = clients
     chance = random.Random(7)
     for number in range(5):
-        with httpx.Client(base_url=service.url, timeout=60) as http:
+        with httpx.Client(base_url=service.url, timeout=PATIENCE) as http:
             assessor = AssessorClient(http=http)
             assessor.enter(operator.invite(test, f"a{number}", "polarised"))
             walk(assessor, until=lambda state: state["stage"] == "presentation")
@@ -117,7 +118,7 @@ def test_a_kill_in_the_middle_of_a_vote(killable, clients):
             sending.start()
             time.sleep(chance.uniform(0, 0.012))
             service.kill()
-            sending.join(60)
+            sending.join(PATIENCE)
             service.start()
             assert assessor.grade(_grades(number), "the vote")["index"] == 1
     votes = parse_csv(operator.votes_csv(test)).votes

@@ -22,6 +22,7 @@ from dscqs.stimulus import RANDOM_BYTES
 from service.dscqs_client import AssessorClient, OperatorClient
 from service.http.dscqs_access import TOKEN_FILE
 from tests.service.dscqs.support import REFERENCE, walk, write_stimuli
+from tests.support.waiting import PATIENCE
 
 SERVINGS = 150
 """Presentations that are asked for, two sides each."""
@@ -49,11 +50,11 @@ def servings(served, stimuli):
         },
     }  # fmt: skip
     found = defaultdict(list)
-    with httpx.Client(base_url=served.url, timeout=60) as http:
+    with httpx.Client(base_url=served.url, timeout=PATIENCE) as http:
         operator = OperatorClient(http=http)
         operator.login(served.token)
         test = operator.make_test(plan)
-        with httpx.Client(base_url=served.url, timeout=60) as browser:
+        with httpx.Client(base_url=served.url, timeout=PATIENCE) as browser:
             client = AssessorClient(http=browser)
             client.enter(operator.invite(test, "a1", "polarised"))
             order = operator.document(test)["sessions"][0]["order"]
@@ -216,14 +217,14 @@ def test_an_assessor_can_read_nothing_else(operator, plan, make_service, tmp_pat
         "--workers", "0", "--token-file", str(tmp_path / "tokens"),
         "--roots", str(tmp_path / "roots"),
     )  # fmt: skip
-    with httpx.Client(base_url=service.url, timeout=60) as http:
+    with httpx.Client(base_url=service.url, timeout=PATIENCE) as http:
         lab = OperatorClient(http=http)
         assert not (service.data / TOKEN_FILE).exists()
         lab.login("0123456789abcdef")
         test = lab.make_test(plan)
         link = lab.invite(test, "a1", "polarised")
         description = http.get("/api/openapi.json").json()
-        with httpx.Client(base_url=service.url, timeout=60) as browser:
+        with httpx.Client(base_url=service.url, timeout=PATIENCE) as browser:
             AssessorClient(http=browser).enter(link)
             read = []
             for path, methods in description["paths"].items():

@@ -20,9 +20,6 @@ WIDTH, HEIGHT = 600, 620
 TIMING = {"show_s": 0.2, "grey_s": 0.1, "vote_s": 60, "showings": 1, "tolerance_s": 20}
 """A loaded machine may be late; how late it was is looked at by the tests that are about it."""
 
-LONG = {**TIMING, "show_s": 3, "grey_s": 0.5}
-"""Time for a loaded machine to disturb what is shown before it is over."""
-
 PROFILE = {
     "title": "the browser's window", "mode": "rows", "width_px": WIDTH, "height_px": HEIGHT,
     "distance_heights": 3.0,

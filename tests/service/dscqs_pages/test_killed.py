@@ -30,7 +30,7 @@ def service(tmp_path: Any) -> Iterator[KillableService]:
 
 @pytest.fixture
 def operator(service: KillableService) -> Iterator[OperatorClient]:
-    with httpx.Client(base_url=service.url, timeout=60) as http:
+    with httpx.Client(base_url=service.url, timeout=PATIENCE) as http:
         client = OperatorClient(http=http)
         client.login((service.data / TOKEN_FILE).read_text().strip())
         put = http.put("/dscqs/api/operator/displays/desk", json=PROFILE)

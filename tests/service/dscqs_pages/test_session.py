@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import random
 from typing import Any
 
 import pytest
 
 from tests.service.dscqs.support import REFERENCE, colour_of
-from tests.service.dscqs_pages.conftest import HEIGHT, LONG, TIMING, WIDTH
+from tests.service.dscqs_pages.conftest import HEIGHT, TIMING, WIDTH
 
 EXPORT = "/dscqs/api/operator/tests/{}/export?format={}"
 
@@ -217,9 +218,11 @@ def test_a_vote_that_was_being_sent_survives_a_reload(enter, make_test, operator
     ],
 )
 def test_a_disturbed_showing_is_offered_again(enter, make_test, operator, plan, disturb, kind):
-    test = make_test({**plan, "timing": LONG})
+    test = make_test(plan)
     seat = enter(test)
     seat.wait_for("ready")
+    seat.take_screen()
+    seat.stand_still_after(2)
     seat.press_main()
     seat.wait_until_drawn(2)
     seat.page.evaluate(disturb)
@@ -227,6 +230,7 @@ def test_a_disturbed_showing_is_offered_again(enter, make_test, operator, plan, 
     (log,) = logs_of(operator, test)
     assert log["outcome"] == "failed"
     assert [fault["kind"] for fault in log["log"]["faults"]] == [kind]
+    seat.stand_still_after(math.inf)
     seat.press_main()
     seat.come_to_vote()
     seat.vote(50, 50)

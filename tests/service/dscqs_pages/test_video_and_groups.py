@@ -14,6 +14,7 @@ from tests.service.dscqs.support import CONDITIONS, CONTENTS, REFERENCE
 from tests.service.dscqs_pages.conftest import TIMING
 from tests.service.dscqs_pages.test_session import given, logs_of, votes_of
 from tests.support.accessibility import problems
+from tests.support.waiting import PATIENCE
 
 COUNT, RATE = 4, 4
 """Frames of a clip, and those of a second: slow enough for a processor that does all the work."""
@@ -42,7 +43,7 @@ def clips(served: Any) -> dict[str, np.ndarray]:
                     "-r", str(RATE), "-i", "-", "-c:v", "libvpx-vp9", "-lossless", "1",
                     "-pix_fmt", "gbrp", str(folder / f"{content}-{condition}.webm"),
                 ],
-                input=frames.tobytes(), check=True, timeout=120,
+                input=frames.tobytes(), check=True, timeout=PATIENCE,
             )  # fmt: skip
     return made
 

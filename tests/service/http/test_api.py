@@ -16,13 +16,14 @@ from service.http.jobs import stream_events
 from service.jobs.states import Action, State
 from service.notices import Notices
 from service.store import Store
+from tests.support.waiting import PATIENCE
 
 PROBLEM = "application/problem+json"
 
 
 @pytest.fixture(scope="module")
 def api(live_service):
-    with httpx.Client(base_url=live_service.url, timeout=60) as client:
+    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as client:
         yield client
 
 
@@ -241,7 +242,7 @@ def test_one_job_of_many_requests_with_one_key(api, live_service):
     answers = []
 
     def send():
-        with httpx.Client(base_url=live_service.url, timeout=60) as client:
+        with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as client:
             answers.append(
                 client.post("/api/v1/jobs", json=body, headers={"Idempotency-Key": "rush"})
             )
@@ -385,6 +386,6 @@ def test_a_stream_of_events_never_ends_before_the_last_of_them(tmp_path):
     async def listen():
         return [text async for text in stream_events(SimpleNamespace(app=app), "a", 0)]
 
-    said = asyncio.run(asyncio.wait_for(listen(), 30))
+    said = asyncio.run(asyncio.wait_for(listen(), PATIENCE))
     assert "event: succeeded" in said[-1]
     store.close()

@@ -8,6 +8,7 @@ import pytest
 from pipeline.errors import ConfigurationError
 from service.http import auth
 from service.http.auth import Tokens
+from tests.support.waiting import PATIENCE
 
 FILE = """# who may do what
 anna submit,read anna-secret-0123456789
@@ -30,7 +31,7 @@ def tokens(tmp_path):
 
 def test_scopes_owners_cookies_and_signed_addresses(make_service, tokens, tiny_scene):
     service = make_service("--token-file", str(tokens), "--roots", str(tiny_scene.parent))
-    with httpx.Client(base_url=service.url, timeout=60) as api:
+    with httpx.Client(base_url=service.url, timeout=PATIENCE) as api:
         for headers in ({}, {"Authorization": "Bearer wrong"}, {"Authorization": "Basic x"}):
             answer = api.get("/api/v1/jobs", headers=headers)
             assert answer.status_code == 401
@@ -82,7 +83,7 @@ def test_a_wrong_line_is_named_without_its_token(tmp_path, line):
 def test_a_name_that_was_made_to_mean_this_machine_opens_nothing(live_service):
     """A page whose name is resolved anew has the origin that it asks (DNS rebinding)."""
     port = live_service.url.rpartition(":")[2]
-    with httpx.Client(base_url=live_service.url, timeout=60) as api:
+    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as api:
         for host, status in (
             (f"evil.example:{port}", 403),
             (f"127.0.0.1.evil.example:{port}", 403),

@@ -14,6 +14,7 @@ import httpx
 import pytest
 
 from tests.service.http.test_api import follow
+from tests.support.waiting import PATIENCE
 
 PAGE = Path(__file__).parents[3] / "docs" / "api.md"
 
@@ -26,7 +27,7 @@ def _lines():
 @pytest.fixture(scope="module")
 def job(live_service):
     """Id of a finished job."""
-    with httpx.Client(base_url=live_service.url, timeout=60) as api:
+    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as api:
         body = {"scene": "tiny", "input": {"frames": ":1"}}
         found = api.post("/api/v1/jobs", json=body).json()["id"]
         assert follow(api, found)[-1]["kind"] == "succeeded"
@@ -37,7 +38,7 @@ def _curl(line, live_service, folder):
     words = shlex.split(line.replace("http://127.0.0.1:8000", live_service.url))
     done = subprocess.run(
         [*words, "-sS", "--fail-with-body"], cwd=folder, capture_output=True, text=True,
-        check=False, timeout=60,
+        check=False, timeout=PATIENCE,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -18,13 +18,14 @@ from pipeline.media.video_format import VideoFormat
 from pipeline.stereo import StereoLayout
 from service.cli import main
 from tests.service.http.test_api import follow, is_problem
+from tests.support.waiting import PATIENCE
 
 BODY = {"scene": "tiny", "input": {"frames": ":2"}, "output": {"segment_length": 1}}
 
 
 @pytest.fixture(scope="module")
 def api(live_service):
-    with httpx.Client(base_url=live_service.url, timeout=60) as client:
+    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as client:
         yield client
 
 

@@ -16,6 +16,7 @@ from pipeline.media.video_format import Container, VideoCodec, VideoFormat
 from pipeline.stereo import StereoLayout
 from service.client import Client
 from tests.service.conftest import LiveService
+from tests.support.waiting import PATIENCE
 
 COUNT = 200
 WORKED = 6
@@ -98,7 +99,7 @@ def idle(tmp_path_factory):
 
 
 def test_no_broken_video_is_a_fault(idle, videos):
-    with httpx.Client(base_url=idle.url, timeout=60) as api:
+    with httpx.Client(base_url=idle.url, timeout=PATIENCE) as api:
         statuses = {
             api.post(
                 "/api/v1/jobs", files=[("files", item) for item in scene.items()],
@@ -115,7 +116,7 @@ def test_no_broken_video_is_a_fault(idle, videos):
 
 def test_no_broken_upload_is_a_fault(idle, corpus):
     statuses = set()
-    with httpx.Client(base_url=idle.url, timeout=60) as api:
+    with httpx.Client(base_url=idle.url, timeout=PATIENCE) as api:
         for scene in corpus:
             files = [("files", item) for item in scene.items()]
             answer = api.post("/api/v1/jobs", files=files, data={"job": "{}"})
@@ -125,7 +126,7 @@ def test_no_broken_upload_is_a_fault(idle, corpus):
 
 
 def test_no_broken_scene_kills_a_worker(live_service, corpus, videos):
-    with httpx.Client(base_url=live_service.url, timeout=60) as api:
+    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as api:
         jobs = []
         body = json.dumps({"input": {"frames": "0:1"}})
         for scene in [*corpus[:: COUNT // WORKED], *videos[:4]]:
@@ -134,7 +135,7 @@ def test_no_broken_scene_kills_a_worker(live_service, corpus, videos):
             if answer.status_code == 202:
                 jobs.append(answer.json()["id"])
     assert jobs
-    with Client(live_service.url) as client:
+    with Client(live_service.url, timeout=PATIENCE) as client:
         for job in jobs:
             list(client.events(job))
             found = client.job(job)

@@ -14,7 +14,7 @@ from service.http.problems import ProblemError
 from service.http.quota import check_queue, check_space, folder_size, note_size
 from service.jobs.states import Action
 from service.store import Store
-from tests.support.waiting import until
+from tests.support.waiting import PATIENCE, until
 
 KIB = 1 << 10
 ANNA, BOB = (Client(name=name, scopes=frozenset({"submit"})) for name in ("anna", "bob"))
@@ -77,7 +77,7 @@ def test_twice_what_fits_once_is_refused_over_http(make_service, tmp_path):
     file.write_text("anna submit,read anna-secret-0123456789\n")
     service = make_service("--token-file", str(file), "--client-quota", "1")
     headers = {"Authorization": "Bearer anna-secret-0123456789"}
-    with httpx.Client(base_url=service.url, timeout=60, headers=headers) as api:
+    with httpx.Client(base_url=service.url, timeout=PATIENCE, headers=headers) as api:
         files = [("files", ("a.dat", bytes(700 * KIB)))]
         answers = [api.post("/api/v1/jobs", files=files).status_code for _ in range(2)]
         assert answers == [202, 507]

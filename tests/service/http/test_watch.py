@@ -36,7 +36,7 @@ sender submit  a-token-for-sending-it
 
 @pytest.fixture(scope="module")
 def api(live_service):
-    with httpx.Client(base_url=live_service.url, timeout=60) as client:
+    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as client:
         yield client
 
 

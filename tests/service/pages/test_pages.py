@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import threading
 import time
 
 import httpx
@@ -18,6 +17,7 @@ from service.config import ServiceConfig
 from tests.service.http.test_api import follow
 from tests.service.http.test_watch import OnAir
 from tests.support.browser import PATIENCE_MS
+from tests.support.waiting import PATIENCE
 
 FRAMES = 24
 SOUGHT = 17
@@ -32,7 +32,7 @@ def job(live_service, tiny_scene):
 
     scene = SampleScene(width=48, height=36, num_views=3)
     write_scene(tiny_scene.parent / "long", scene, num_frames=FRAMES)
-    with httpx.Client(base_url=live_service.url, timeout=60) as api:
+    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as api:
         body = {
             "scene": "long",
             "output": {"segment_length": 12},
@@ -212,27 +212,21 @@ def test_the_live_edge_plays_to_the_end(chromium, tmp_path):
     config = ServiceConfig(data=tmp_path / "data", workers=0, zenoh="off")
     with OnAir(config) as station:
         station.feed(3)
-
-        def go_on():
-            for _ in range(90):
-                station.feed(1)
-                stopped.wait(1 / 15)
-            station.broadcast.close()
-
-        stopped = threading.Event()
-        feeding = threading.Thread(target=go_on)
         with opened(chromium, f"http://{station.address}/watch/streams/room") as page:
             _until(page, "window.depthsrWatch.numbers().way === 'live'")
-            feeding.start()
+            for number in range(90):  # at its pace, but never so far ahead that the page jumps
+                station.feed(1)
+                page.wait_for_timeout(1000 / 15)
+                _until(page, f"window.depthsrWatch.numbers().shownFrame >= {number - 15}")
+            station.broadcast.close()
             _until(page, "window.depthsrWatch.videos.result.ended")
-            feeding.join()
             _until(  # a fragment waits for the next
                 page, "window.depthsrWatch.numbers().shownFrame === 91"
             )
             total = page.evaluate(
                 "window.depthsrWatch.videos.result.getVideoPlaybackQuality().totalVideoFrames"
             )
-            assert total >= 45  # it may jump to the edge where the machine is slow
+            assert total >= 90
             assert _pixels(page).std() > 10
             assert page.locator("#name").inner_text() == "room"
 
@@ -241,7 +235,7 @@ def test_a_job_plays_while_it_runs(chromium, make_service, tiny_scene, job):
     """HLS begins with the first piece and goes on as others come."""
     service = make_service("--roots", str(tiny_scene.parent))
     body = {"scene": "long", "output": {"segment_length": 12}}
-    with httpx.Client(base_url=service.url, timeout=60) as api:
+    with httpx.Client(base_url=service.url, timeout=PATIENCE) as api:
         running = api.post("/api/v1/jobs", json=body).json()["id"]
         with opened(chromium, f"{service.url}/watch/jobs/{running}") as page:
             _until(page, "window.depthsrWatch.numbers().drawn > 0")
@@ -272,7 +266,7 @@ def test_files_that_are_dropped_become_a_job(chromium, live_service, tiny_scene)
         page.dispatch_event("#drop", "drop", {"dataTransfer": held})
         page.wait_for_url("**/jobs/*")
         made = page.url.rpartition("/")[2]
-    asked = httpx.get(f"{live_service.url}/api/v1/jobs/{made}", timeout=60).json()["request"]
+    asked = httpx.get(f"{live_service.url}/api/v1/jobs/{made}", timeout=PATIENCE).json()["request"]
     assert set(asked["uploads"]) == set(files)
 
 
@@ -376,7 +370,7 @@ def test_the_interface_is_shown_with_every_example(chromium, live_service):
 
 
 def test_pages_run_nothing_inline_and_nothing_foreign(live_service):
-    with httpx.Client(base_url=live_service.url, timeout=60) as api:
+    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as api:
         for where in PAGES:
             answer = api.get(where.format(job="x"))
             policy = answer.headers["content-security-policy"]

@@ -30,17 +30,20 @@ def stage(tmp_path_factory, tiny_scene):
         "--zenoh", "router", "--zenoh-listen", endpoint, "--worker-threads", "1",
         "--max-payload", "1", "--max-rate", "30", "--max-streams", "1",
     )  # fmt: skip
-    service = LiveService(folder / "data", options).start()
+    service = LiveService(folder / "data", options)
     stage = Stage(service, endpoint)
-    stage.run(
-        "publish", str(tiny_scene), "--stream", "tiny", "--rate", "6", "--loop", "--jitter", "0.18",
-        "--loss", "0.02",
-    )  # fmt: skip
-    until(lambda: stage.state("tiny") == "live")
-    yield stage
-    stage.end()
-    if service.process.poll() is None:
-        service.end(signal.SIGKILL)
+    try:
+        service.start()
+        stage.run(
+            "publish", str(tiny_scene), "--stream", "tiny", "--rate", "6", "--loop",
+            "--jitter", "0.18", "--loss", "0.02",
+        )  # fmt: skip
+        until(lambda: stage.state("tiny") == "live")
+        yield stage
+    finally:
+        stage.end()
+        if service.process is not None and service.process.poll() is None:
+            service.end(signal.SIGKILL)
 
 
 def _counts(stage):
@@ -112,17 +115,18 @@ def test_simple_clients_get_pictures_and_answers(stage):
             assert sample.encoding == JPEG
             assert (frame.width, frame.height) == (said["width"], said["height"])
             assert said["layout"] == ("sbs" if which is Output.SBS_JPEG else which.value)
-            (answer,) = bus.ask(keys.output("tiny", which))
+            (answer,) = until(lambda which=which: bus.ask(keys.output("tiny", which)))
             assert answer.read()[:2] == b"\xff\xd8"
-        (info,) = bus.ask(keys.info("tiny"))
+        (info,) = until(lambda: bus.ask(keys.info("tiny")))
         assert (
             json.loads(info.read())["width"]
             == json.loads(seen[Output.SBS_JPEG].attachment)["width"]
         )
-        (history,) = bus.ask(f"{keys.history('tiny')}?limit=3")
+        until(lambda: stage.status("tiny")["status"]["frames_done"] >= 3)
+        (history,) = until(lambda: bus.ask(f"{keys.history('tiny')}?limit=3"))
         assert len(json.loads(history.read())) == 3
-        assert list(bus.who_lives(keys.alive("tiny"))) == [keys.alive("tiny")]
-        (streams,) = bus.ask(keys.SERVICE)
+        assert list(until(lambda: bus.who_lives(keys.alive("tiny")))) == [keys.alive("tiny")]
+        (streams,) = until(lambda: bus.ask(keys.SERVICE))
         assert [item["stream"] for item in json.loads(streams.read())] == ["tiny"]
 
 
@@ -132,9 +136,10 @@ def test_what_is_malformed_is_counted_and_harms_nobody(stage):
     raw = write_input_header(
         InputHeader(frame_index=1 << 40, capture_time_ns=1, width=9, height=9, pixel_format="gray")
     )
+    color = keys.input_key("tiny", "cam0", Part.COLOR)
     with stage.bus() as bus:
-        for number in range(20):
-            color = keys.input_key("tiny", "cam0", Part.COLOR)
+
+        def send(number):
             bus.put(color, os.urandom(5000), encoding=JPEG, attachment=good)
             bus.put(color, b"", encoding="text/plain", attachment=good)
             bus.put(color, b"x", encoding=PNG, attachment=b"{")
@@ -143,6 +148,14 @@ def test_what_is_malformed_is_counted_and_harms_nobody(stage):
             bus.put("depthsr/tiny/in/cam0/smell", b"x", encoding=PNG, attachment=good)
             bus.put("depthsr/tiny/in/nobody/color", b"x", encoding=PNG, attachment=good)
             bus.put(f"depthsr/bad{number}/in/manifest", os.urandom(100), encoding=JSON)
+
+        def is_counted(name, more):
+            return _counts(stage)[name] >= before[name] + more
+
+        for number in range(20):
+            send(number)
+        until(lambda: is_counted("malformed", 80) or send(20))  # what a busy router drops
+        until(lambda: is_counted("parts_unknown", 20) or send(20))
         refused = []
         bus.subscribe(keys.status("other"), lambda s: refused.append(json.loads(s.read())))
         manifest = {"format": "depthsr-scene/1", "views": [{"id": "a"}, {"id": "b"}]}
@@ -160,8 +173,6 @@ def test_what_is_malformed_is_counted_and_harms_nobody(stage):
         until(is_too_large)
     assert refused[0]["state"] == "refused"
     assert "1 streams are there already" in refused[0]["problem"]["detail"]
-    until(lambda: _counts(stage)["malformed"] >= before["malformed"] + 80)
-    until(lambda: _counts(stage)["parts_unknown"] >= before["parts_unknown"] + 20)
     done = stage.status("tiny")["status"]["frames_done"]
     until(lambda: stage.status("tiny")["status"]["frames_done"] > done + 5)
     assert stage.status("tiny")["run"] == 1
@@ -231,7 +242,7 @@ def test_stopped_over_http_it_stays_stopped_until_it_is_made_again(stage):
     again = []
     with stage.bus() as bus:  # the source sends its manifest again
         bus.subscribe(keys.manifest("tiny"), again.append)
-        until(lambda: len(again) == 2)
+        until(lambda: len(again) >= 2)
     assert stage.state("tiny") == "stopped"
     made = httpx.post(url, json={"id": "tiny", "options": {"quality": 30}}, timeout=PATIENCE)
     assert made.status_code == 201, made.text

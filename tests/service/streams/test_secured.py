@@ -69,5 +69,5 @@ def test_certificates_and_passwords_let_in_whom_they_should(
         assert json.loads(answer.read())["stream"] == "tiny"
         manifest = {"format": "depthsr-scene/1", "views": [{"id": "a"}, {"id": "b"}]}
         bus.put(keys.manifest("other"), json.dumps(manifest).encode(), encoding=JSON)
-        (answer,) = bus.ask(keys.SERVICE)
+        (answer,) = until(lambda: bus.ask(keys.SERVICE))
         assert [item["stream"] for item in json.loads(answer.read())] == ["tiny"]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import threading
+import time
 from dataclasses import replace
 from fractions import Fraction
 
@@ -23,7 +25,7 @@ from service.streams.options import StreamOptions
 from service.streams.player import Player, Playing
 from service.streams.receiver import Receiver, split_group
 from service.streams.session import Limits, StreamSession
-from tests.support.waiting import until
+from tests.support.waiting import PATIENCE, until
 
 
 @pytest.fixture
@@ -37,13 +39,33 @@ def network():
     return MemoryNetwork()
 
 
+class Clock:
+    """Seconds that pass, except while it is held: however slow the machine is just then."""
+
+    def __init__(self):
+        self._behind, self._held_at = 0.0, None
+
+    def __call__(self):
+        return self._held_at or time.monotonic() - self._behind
+
+    @contextlib.contextmanager
+    def held(self):
+        self._held_at = self()
+        yield
+        self._behind, self._held_at = time.monotonic() - self._held_at, None
+
+
+CLOCK = Clock()
+"""Of sessions: a frame whose parts are sent one after the other is sent at once."""
+
+
 def run(network, source, *, options, settings=None, playing=None, frames=None, sent=None):
     """Play the scene through a session; return the session after its last frame."""
     bus = network.connect()
     pictures = []
     session = StreamSession(
         bus, "s", source.manifest, settings=settings or Settings(psf_sigma=1.0, noise_sigma=1.0),
-        options=options, limits=Limits(max_rate=1000),
+        options=options, limits=Limits(max_rate=1000), clock=CLOCK,
         to_service=lambda kind, data: pictures.append((kind, data)),
     )  # fmt: skip
     worker = threading.Thread(target=session.run)
@@ -59,7 +81,7 @@ def run(network, source, *, options, settings=None, playing=None, frames=None, s
         until(lambda: session.status()["frames_done"] >= (frames or 1))
     finally:
         session.stop()
-        worker.join(60)
+        worker.join(PATIENCE)
     assert not worker.is_alive()
     session.pictures = pictures
     return session
@@ -72,12 +94,14 @@ def one_by_one(source, *, spoil=lambda index, parts: parts):
 
     def send(bus, session):
         for number, index in enumerate(source.frame_indices):
-            for (view, part), item in spoil(index, source.read(index)).items():
-                header = InputHeader(frame_index=index, capture_time_ns=number * 10**8)
-                bus.put(
-                    keys.input_key("s", view, Part(part)), item.data, encoding=item.encoding.value,
-                    attachment=write_input_header(header),
-                )  # fmt: skip
+            pictures = spoil(index, source.read(index))
+            header = InputHeader(frame_index=index, capture_time_ns=number * 10**8)
+            with CLOCK.held():
+                for (view, part), item in pictures.items():
+                    bus.put(
+                        keys.input_key("s", view, Part(part)), item.data,
+                        encoding=item.encoding.value, attachment=write_input_header(header),
+                    )  # fmt: skip
             until(lambda number=number: len(session._history) == number + 1)
 
     return send
@@ -92,7 +116,7 @@ def test_what_comes_out_is_what_the_worker_makes(network, source, tiny_scene):
     bus.subscribe(keys.output("s", Output.SBS), lambda s: made.append(json.loads(s.attachment)))
     receiver = Receiver(network.connect(), "s")
     session = run(
-        network, source, options=StreamOptions(real_time=False, wait=5.0), settings=settings,
+        network, source, options=StreamOptions(real_time=False, wait=0.5), settings=settings,
         sent=one_by_one(source), frames=6,
     )  # fmt: skip
     with open_scene(tiny_scene) as scene:
@@ -142,7 +166,7 @@ def test_missing_and_broken_parts_cost_what_the_rules_say(network, source):
         return left
 
     session = run(
-        network, source, options=StreamOptions(wait=1.0, missing_view="use", real_time=False),
+        network, source, options=StreamOptions(wait=0.5, missing_view="use", real_time=False),
         sent=one_by_one(source, spoil=spoil), frames=5,
     )  # fmt: skip
     status = session.status()
@@ -167,7 +191,7 @@ def test_a_source_faster_than_the_machine_loses_frames_and_quality_but_goes_on(n
         thread.start()
         until(lambda: session.status()["frames_done"] >= 25)
         stop.set()
-        thread.join(30)
+        thread.join(PATIENCE)
         assert player.lost > 0
 
     with fast:
