@@ -55,7 +55,8 @@ class StartChoice:
     warm_share: float
     """Share of blocks that start from the previous result, 0..1."""
     is_cut: bool
-    """Whether too few blocks matched, or the noise has fallen, so that the frame starts cold."""
+    """Whether too few blocks matched, most of it changed where it was, or the noise has fallen, so
+    that the whole frame starts cold."""
     has_moved: bool = False
     """Whether so few matched because the camera has moved: the reconstruction starts cold, in fewer
     steps, the registration from how the views stood to one another."""

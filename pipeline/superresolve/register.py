@@ -35,6 +35,11 @@ PICTURE_LAYERS = 11
 """Depth layers shown in debug pictures where the method has none of its own (thesis Figure 2)."""
 
 
+IN_PLACE = 0.5
+"""Share of a target that changes without moving from which the frame starts cold: it fades, or one
+picture dissolves into another, and what a chain keeps of it would be of the older picture."""
+
+
 def register_frame(
     frame: MultiViewFrame,
     settings: Settings,
@@ -86,7 +91,16 @@ def register_frame(
             memory.move()
             matches = {}
         if memory is not None:
-            frame = memory.averaged(frame, noise)
+            averaged = memory.averaged(frame, noise)
+            if matches and all(
+                matches[target].share_in_place(memory.still[target].changed) > IN_PLACE
+                for target in targets
+            ):
+                is_cut = True
+                memory.forget()
+                matches, noise = {}, memory.noise(frame, settings, sources)
+                averaged = memory.averaged(frame, noise)
+            frame = averaged
             if not added:
                 widened = frame
         previous = None if memory is None else memory.previous

@@ -65,6 +65,11 @@ class BlockMatch:
         """Return whether the block of each LR pixel is matched, (H, W)."""
         return _spread(self.matched, shape)
 
+    def share_in_place(self, changed: Mask) -> float:
+        """Return the share of the pixels that have changed in blocks that match unmoved."""
+        unmoved = self.matched & (self.motion == 0).all(axis=2)
+        return float((changed & _spread(unmoved, changed.shape)).mean())
+
 
 @njit(nogil=True, cache=True, error_model="numpy", inline="always")
 def _may_match(sums, sums_before, y0, x0, y1, x1, u, v, bound):  # type: ignore[no-untyped-def]

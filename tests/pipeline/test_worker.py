@@ -164,6 +164,28 @@ def test_the_noise_of_a_chain_is_followed_view_by_view(frames):
     assert memory.noise(frames[0], settings, names) == quiet
 
 
+def test_of_a_fade_nothing_is_kept():
+    """Every block matches within its bounds; the mean and the result of before lag behind."""
+    still = SCENE.frame(0)
+
+    def faded(number):
+        noise = np.random.default_rng(number)
+
+        def lit(view):
+            grain = noise.normal(0.0, NOISE, view.luma.shape)
+            return replace(view, luma=(view.luma * 0.95 + number + grain).astype(np.float32))
+
+        return replace(still, frame_index=number, views=tuple(map(lit, still.views)))
+
+    warm = _worker("warm")
+    results = [warm.take(faded(number)) for number in range(3)]
+    cuts = [result.report.targets[0].start.is_cut for result in results]
+    assert cuts == [False, False, True]
+    alone = _worker("cold").take(faded(2))
+    for target in TARGETS:
+        np.testing.assert_array_equal(results[2].images[target].luma, alone.images[target].luma)
+
+
 @pytest.mark.parametrize(("before", "after"), [(2.0, 8.0), (8.0, 2.0)])
 def test_noise_that_jumps_is_known_in_that_frame_and_costs_no_quality(before, after):
     """A camera's gain changes: solved for the noise of before, a frame loses up to 4 dB."""
