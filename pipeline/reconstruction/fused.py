@@ -69,6 +69,9 @@ CORRECTED_FROM = 1.0
 """Noise from which landing points are corrected: with less of it, views differ by what no shift
 explains, grey levels."""
 
+AROUND = 2.5
+"""σ of the window over which detail is averaged, LR pixels."""
+
 SMALLEST_SIGMA = 0.5
 """σ_psf below which nothing changes, HR pixels."""
 
@@ -77,13 +80,18 @@ SMALLEST_SIGMA = 0.5
 class FusedTuning:
     """The constants of the solver, measured on the sample and on real scenes."""
 
-    prior_strength: float = 0.128
-    """λ at noise 1 and σ_psf 1."""
-    prior_noise_power: float = 1.6
-    """λ grows with the noise to this power …"""
+    prior_strength: float = 0.2
+    """λ at noise 1 and σ_psf 1, where a picture is flat."""
+    prior_noise_powers: tuple[float, float] = (1.92, 1.6)
+    """λ grows with the noise to the first power below noise 1, to the second above …"""
     prior_psf_powers: tuple[float, float] = (-1.0, -1.5)
     """… and with σ_psf to the first power below σ_psf 1, to the second above: what a wide PSF has
     removed no prior should smooth again; a narrow one removes little."""
+    prior_detail: tuple[float, float] = (0.25, 0.42)
+    """With the geometric mean of 1 + d² around a pixel, d the differences of neighbours in grey
+    levels, λ falls to this power, down to this share: where much is seen, much can be lost. Below
+    noise 1 the power falls with its square: then a PSF that is not quite right costs most, and the
+    less, the more the prior says."""
     edge_scale: tuple[float, float] = (4.0, 0.4)
     """Root mean square of the differences around a pixel below which the prior is quadratic:
     constant and factor on the noise, grey."""
@@ -182,7 +190,33 @@ def prior_strength(noise: float, psf_sigma: float, tuning: FusedTuning) -> float
     """Return λ for a noise (grey levels) and a PSF (HR pixels)."""
     noise = max(noise, SMALLEST_NOISE)
     of_psf = by_power(max(psf_sigma, SMALLEST_SIGMA), tuning.prior_psf_powers)
-    return tuning.prior_strength * noise**tuning.prior_noise_power * of_psf
+    return tuning.prior_strength * by_power(noise, tuning.prior_noise_powers) * of_psf
+
+
+def local_strength(
+    estimate: HrImage, grid: Grid, noise: float, tuning: FusedTuning, left: float = 0.0
+) -> npt.NDArray[np.float32]:
+    """Return the share of λ that there is at each HR pixel, by the detail seen around it.
+
+    Parameters
+    ----------
+    noise : float
+        Of the observations, grey levels.
+    left : float
+        Mean square of the differences that noise makes in the estimate, grey levels squared.
+    """
+    height, width = estimate.shape
+    squares = np.zeros_like(estimate)
+    squares[:, :-1] += np.square(np.diff(estimate, axis=1))
+    squares[:-1] += np.square(np.diff(estimate, axis=0))
+    lr_size = width // grid.magnification_x, height // grid.magnification_y
+    cells = cv2.resize(squares, lr_size, interpolation=cv2.INTER_AREA)
+    power, least = tuning.prior_detail
+    power *= min(noise, 1.0) ** 2
+    logarithms = np.log1p(np.maximum(cells / 2 - np.float32(left), 0))
+    detail = cv2.GaussianBlur(logarithms, (0, 0), AROUND)
+    local = np.maximum(np.exp(-power * detail), np.float32(least))
+    return np.asarray(cv2.resize(local, (width, height), interpolation=cv2.INTER_LINEAR))
 
 
 def settled_share(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
@@ -289,10 +323,16 @@ def fuse(
     reference = next(index for index, view in enumerate(registered) if view.is_reference)
     own = registered[reference]
     ones = np.ones(lr_shape, np.float32)
-    system = NormalEquations(shape, taps, psf_taps(psf, grid), float(own.observed.mean()))
     estimate = (
         start if start is not None else estimate_alone(own.observed, grid, psf, noise, learned)
     )
+    left = 0.0
+    if start is None and learned is None:
+        left = noise**2 * restoration_of(own.observed, grid, psf, noise).roughness
+    system = NormalEquations(
+        shape, taps, psf_taps(psf, grid), float(own.observed.mean()),
+        local_strength(estimate, grid, noise, tuning, left),
+    )  # fmt: skip
     stop_reason = "iterations"
 
     def solve(estimate: HrImage, plan: int, most: int | None) -> HrImage:

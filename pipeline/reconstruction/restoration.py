@@ -59,6 +59,13 @@ class Restoration:
         """LR pixels to each side that the filter reaches."""
         return max(self.along_x.shape[1], self.along_y.shape[1]) // 2
 
+    @property
+    def roughness(self) -> float:
+        """Mean square of the differences of neighbours that noise of variance 1 becomes."""
+        power_x, steps_x = _power_and_steps(self.along_x)
+        power_y, steps_y = _power_and_steps(self.along_y)
+        return (steps_x * power_y + power_x * steps_y) / 2
+
     def apply(self, view: GreyImage, grid: Grid) -> npt.NDArray[np.float32]:
         """Return a view, or a part of it, enlarged and sharpened, (K·H, K·W) float32."""
         out = np.empty(grid.hr_shape((view.shape[0], view.shape[1])), np.float32)
@@ -72,6 +79,13 @@ class Restoration:
             starts,
         )
         return out
+
+
+def _power_and_steps(taps: npt.NDArray[np.float32]) -> tuple[float, float]:
+    """Return the mean squares that noise of variance 1 becomes along an axis, and its steps."""
+    response = taps[:, ::-1].T.ravel()
+    steps = np.diff(np.pad(response, 1))
+    return float(np.vdot(response, response)) / len(taps), float(np.vdot(steps, steps)) / len(taps)
 
 
 def restoration_of(reference: GreyImage, grid: Grid, psf: Psf, noise: float) -> Restoration:

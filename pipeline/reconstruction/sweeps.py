@@ -334,14 +334,14 @@ def add_prior(image, prior, strength, lo, hi, out):
 
 
 @njit(**OPTIONS)
-def weigh_prior(step, estimate, direction, scale, lo, hi, prior):
+def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
     """Write the prior's weights a step from the estimate into its rows ``lo`` to ``hi``.
 
     With ⟨·⟩ the mean over the 3 × 3 pixels around, weighted 1 2 1 along both axes, a difference
-    d between neighbours weighs f + (1 − f) ⟨scale² / (⟨d²⟩ + scale²)⟩ of :data:`TOP`, ⟨d²⟩ over
-    the differences in the same direction, those outside counting zero, f the :data:`FLOOR`. Flat
-    parts are smoothed, edges and texture are kept, and no pixel alone passes for an edge because
-    it is noisy.
+    d between neighbours weighs ⟨m (f + (1 − f) scale² / (⟨d²⟩ + scale²))⟩ of :data:`TOP`, ⟨d²⟩
+    over the differences in the same direction, those outside counting zero, f the :data:`FLOOR`,
+    m the local strength. Flat parts are smoothed, edges and texture are kept, and no pixel alone
+    passes for an edge because it is noisy.
 
     Parameters
     ----------
@@ -349,13 +349,15 @@ def weigh_prior(step, estimate, direction, scale, lo, hi, prior):
     estimate, direction : (KH, KW) float32
     scale : float
         Root mean square of the differences below which the prior is quadratic, grey levels.
+    local : (KH, KW + 2) float32
+        Local strength, 0..1, padded by one at both sides.
     prior : (4, KH + 1, ≥ KW + 1 + TAIL) uint16
         See :func:`look_and_sharpen`.
 
     Notes
     -----
-    The derivative, by d², of Σ f d² + (1 − f) scale² log(1 + ⟨d²⟩ / scale²), which is concave in
-    d²: a step down the quadratic of these weights is one down this sum.
+    The derivative, by d², of Σ m (f ⟨d²⟩ + (1 − f) scale² log(1 + ⟨d²⟩ / scale²)), which is
+    concave in d²: a step down the quadratic of these weights is one down this sum.
     """
     height, width = estimate.shape
     around = np.zeros((2, width), np.float32)
@@ -380,12 +382,13 @@ def weigh_prior(step, estimate, direction, scale, lo, hi, prior):
                 next_row += 1
             if next_share + 1 >= height:
                 squares[(next_share + 1) % 3] = 0
+            strengths = local[min(max(next_share, 0), height - 1)]
             for plane in range(4):
                 _add_three(
                     squares[(next_share - 1) % 3, plane], squares[next_share % 3, plane],
                     squares[(next_share + 1) % 3, plane], line,
                 )  # fmt: skip
-                _share(line, square, least, floor, shares[next_share % 3, plane])
+                _share(line, square, least, floor, strengths, shares[next_share % 3, plane])
             next_share += 1
         for plane in range(4):
             if plane > 0 and y + 1 == height:
@@ -428,11 +431,12 @@ def _add_three(above, own, below, out):
 
 
 @njit(**OPTIONS)
-def _share(line, square, least, floor, out):
+def _share(line, square, least, floor, strengths, out):
     two = np.float32(2.0)
     middle, after = line[1:], line[2:]
     for x in range(out.size):
-        out[x] = square / (line[x] + two * middle[x] + after[x] + least) + floor
+        share = square / (line[x] + two * middle[x] + after[x] + least) + floor
+        out[x] = strengths[x] * share
 
 
 @njit(**OPTIONS)

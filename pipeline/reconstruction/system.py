@@ -84,6 +84,8 @@ class NormalEquations:
         The PSF, for the preconditioner.
     level : float
         Grey level about which is worked: what is rounded is the difference to it.
+    local : (KH, KW) float32, optional
+        m, the share of λ that there is at each pixel, 0..1; default: 1.
     """
 
     def __init__(
@@ -92,9 +94,12 @@ class NormalEquations:
         taps: SeparableTaps,
         sharpening: SeparableTaps,
         level: float = 0.0,
+        local: HrImage | None = None,
     ) -> None:
         self.shape = shape
         self._level = np.float32(level)
+        local = np.ones(shape, np.float32) if local is None else local
+        self._local = np.pad(local, ((0, 0), (1, 1)), mode="edge")
         self._along = half_taps(taps.x), half_taps(taps.y)
         self._sharpening = half_taps(sharpening.x), half_taps(sharpening.y)
         height, width = shape
@@ -178,7 +183,9 @@ class NormalEquations:
         """Return the prior's weights at an estimate, see :func:`sweeps.weigh_prior`."""
         weights = self._no_weights()
         map_threads(
-            lambda band: sweeps.weigh_prior(0.0, estimate, estimate, scale, *band, weights),
+            lambda band: sweeps.weigh_prior(
+                0.0, estimate, estimate, scale, self._local, *band, weights
+            ),
             self._bands,
         )
         return weights
@@ -197,8 +204,8 @@ class NormalEquations:
     ) -> HrImage:
         """Return the estimate after some steps of conjugate gradients, a new array.
 
-        Down Σ w (s·Bf − y)² + λ / scale · Σ (f d² + (1 − f) scale² log(1 + ⟨d²⟩ / scale²)), d
-        the differences of neighbours (diagonals counting half), the mean around ⟨·⟩ and the
+        Down Σ w (s·Bf − y)² + λ / scale · Σ m (f ⟨d²⟩ + (1 − f) scale² log(1 + ⟨d²⟩ / scale²)),
+        d the differences of neighbours (diagonals counting half), the mean around ⟨·⟩ and the
         floor f those of :func:`sweeps.weigh_prior`. Its weights are held for ``hold`` steps,
         then computed anew; the directions go on being conjugate (Fletcher and Reeves).
         Preconditioned, see :meth:`_look`.
@@ -302,7 +309,9 @@ class NormalEquations:
         """
         if renew:
             map_threads(
-                lambda band: sweeps.weigh_prior(step, image, direction, scale, *band, prior),
+                lambda band: sweeps.weigh_prior(
+                    step, image, direction, scale, self._local, *band, prior
+                ),
                 self._bands,
             )
         parts = map_threads(

@@ -22,8 +22,8 @@ NEW = FusedTuning(alone=0.0, together=14, settled=0.08)
 """The same where the previous frame does not show it."""
 
 MOVED = FusedTuning(
-    together=7, prior_strength=0.09, prior_noise_power=1.75, prior_psf_powers=(-1.0, -1.35),
-    data_share=0.015,
+    together=8, prior_strength=0.14, prior_noise_powers=(1.75, 1.75),
+    prior_psf_powers=(-1.0, -1.35), data_share=0.015,
 )  # fmt: skip
 """Work from a cold start where the camera has moved, of two views and at σ_psf 1: few steps smooth
 by themselves, and leave less to the prior; with so few observations they may go farther. More views
@@ -51,8 +51,9 @@ def parts_due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due
 
     That is what has changed, boxes with something in them that the previous frame does not show
     more thoroughly than others, and a part of what has not, another one in each frame; all of
-    it where the pixels are for the most part means of twice as many frames as they were. Parts
-    that cost more together, with their halos, than the whole frame does are one.
+    it where the pixels are for the most part means of twice as many frames as they were, more
+    thoroughly where those were made of the target alone. Parts that cost more together, with
+    their halos, than the whole frame does are one.
     """
     still = frame.still.get(target)
     if still is None or previous.frames is None or frame.settings.solver != Solver.FUSED:
@@ -77,8 +78,12 @@ def parts_due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due
     if ripe.size and ripe.mean() <= 0.5:
         assert frame.effort.refresh_every is not None  # for eyes alone only
         again = in_turn(again, frame.effort.refresh_every, frame.frame.frame_index)
-    if again.any():
-        due.append(Due(wanted=again, noise=frame.noise, tuning=STILL))
+    alone = again & (previous.frames == 0)
+    due += [
+        Due(wanted=part, noise=frame.noise, tuning=tuning)
+        for part, tuning in ((again & ~alone, STILL), (alone, WARM))
+        if part.any()
+    ]
     if sum(part.share * part.tuning.together for part in due) > NEW.together:
         return [Due(wanted=np.ones_like(changed), noise=frame.noise, tuning=NEW, views=near)]
     return due

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from pipeline.reconstruction.fused import (
     fuse,
     initial_estimate,
     landing_points,
+    local_strength,
     prior_strength,
     settled_share,
 )
@@ -35,6 +37,12 @@ SHIFTS = ((0.0, 0.0), (0.5, 0.25), (-0.3, 0.5), (0.25, -0.45))
 
 BORDER = 8
 """HR pixels left out when measuring."""
+
+PHASES = [
+    (magnification, sampling)
+    for magnification in ((2, 2), (3, 3), (4, 4), (2, 1), (1, 2), (3, 2))
+    for sampling in Sampling
+]
 
 
 def _grid(along_x: int = 2, along_y: int = 2, sampling: Sampling = Sampling.DECIMATION) -> Grid:
@@ -210,6 +218,43 @@ def test_noise_raises_the_prior_and_a_wide_psf_lowers_it():
     assert prior_strength(0.0, 1.0, tuning) == prior_strength(SMALLEST_NOISE, 1.0, tuning) > 0
 
 
+@pytest.mark.parametrize(("magnification", "sampling"), PHASES)
+def test_the_prior_says_less_the_more_detail_there_is_around(magnification, sampling):
+    grid, tuning = _grid(*magnification, sampling), FusedTuning()
+    shape = grid.hr_shape((30, 60))
+    texture = np.random.default_rng(5).normal(0, 1, shape).astype(np.float32)
+    texture[:, : shape[1] // 2] = 0
+    local = [
+        local_strength(100 + contrast * texture, grid, 1.0, tuning) for contrast in (0, 0.5, 1, 2)
+    ]
+    assert all(one.shape == shape and one.dtype == np.float32 for one in local)
+    np.testing.assert_array_equal(local[0], 1)
+    left, right = (np.s_[:, : shape[1] // 4], np.s_[:, -shape[1] // 4 :])
+    for less, more in pairwise(local):
+        np.testing.assert_allclose(more[left], 1, atol=1e-3)
+        assert more[right].max() < less[right].min()
+    much = local_strength(100 + 60 * texture, grid, 1.0, tuning)
+    np.testing.assert_allclose(much[right], tuning.prior_detail[1], rtol=1e-5)
+    without_noise = local_strength(100 + texture, grid, SMALLEST_NOISE, tuning)
+    assert without_noise[right].min() > local[2][right].max()
+
+
+def test_noise_that_is_left_over_is_no_detail():
+    noise = np.random.default_rng(6).normal(0, 4, (80, 120)).astype(np.float32)
+    rough = np.square(np.diff(noise, axis=1)).mean()
+    known, unknown = (
+        local_strength(noise, _grid(), 4.0, FusedTuning(), left).mean() for left in (rough, 0.0)
+    )
+    assert known > unknown + 0.2
+
+
+@pytest.mark.parametrize("lr_shape", [(1, 1), (1, 7), (5, 1)])
+def test_the_smallest_pictures_have_a_local_strength(lr_shape):
+    grid = _grid()
+    flat = np.full(grid.hr_shape(lr_shape), 9, np.float32)
+    np.testing.assert_array_equal(local_strength(flat, grid, 1.0, FusedTuning()), 1)
+
+
 def test_a_descent_goes_on_longest_where_aliasing_or_blur_is_to_be_undone():
     tuning = FusedTuning()
     shares = [settled_share(1.0, sigma, tuning) for sigma in (0.5, 0.8, 0.999, 1.001, 1.7)]
@@ -307,12 +352,6 @@ def test_pixels_without_a_place_are_left_out():
 
 
 # --- where things land -------------------------------------------------------------------
-
-PHASES = [
-    (magnification, sampling)
-    for magnification in ((2, 2), (3, 3), (4, 4), (2, 1), (1, 2), (3, 2))
-    for sampling in Sampling
-]
 
 
 @pytest.mark.parametrize(("magnification", "sampling"), PHASES)

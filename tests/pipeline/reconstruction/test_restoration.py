@@ -9,7 +9,7 @@ from pipeline.baselines import bicubic
 from pipeline.grid import Grid, Sampling
 from pipeline.metrics import psnr
 from pipeline.reconstruction.psf import GaussianPsf
-from pipeline.reconstruction.restoration import restored
+from pipeline.reconstruction.restoration import restoration_of, restored
 from pipeline.threads import set_threads, thread_count
 from tests.pipeline.reconstruction.test_fused import LR_SHAPE, PHASES, _grid, _observe, _truth
 
@@ -53,6 +53,17 @@ def test_the_more_noise_the_smoother():
     observed = _observe(truth, grid, LR_SHAPE, (0.0, 0.0), psf, 4.0)
     rough = [np.abs(np.diff(restored(observed, grid, psf, noise))).mean() for noise in (0, 2, 6)]
     assert rough == sorted(rough, reverse=True)
+
+
+@pytest.mark.parametrize(("magnification", "sampling"), PHASES)
+def test_it_knows_how_rough_noise_becomes(magnification, sampling):
+    grid, psf = _grid(*magnification, sampling), GaussianPsf.of(1.0)
+    noise = np.random.default_rng(2).normal(0, 3, (150, 200)).astype(np.float32)
+    restoration = restoration_of(100 + noise, grid, psf, 2.0)
+    made = restoration.apply(noise, grid)
+    inner = made[20:-20, 20:-20]
+    found = np.mean([np.square(np.diff(inner, axis=axis)).mean() for axis in (0, 1)])
+    assert found == pytest.approx(9 * restoration.roughness, rel=0.05)
 
 
 def test_one_thread_or_two_give_the_same_bits():

@@ -44,8 +44,10 @@ def _no_prior(shape=HR_SHAPE) -> np.ndarray:
     return np.zeros((4, shape[0] + 1, 1 + shape[1] + sweeps.TAIL), np.uint16)
 
 
-def _system(*observations, shape=HR_SHAPE, taps=TAPS, sharpening=None) -> NormalEquations:
-    system = NormalEquations(shape, taps, sharpening or psf_taps(PSF, GRID))
+def _system(
+    *observations, shape=HR_SHAPE, taps=TAPS, sharpening=None, local=None
+) -> NormalEquations:
+    system = NormalEquations(shape, taps, sharpening or psf_taps(PSF, GRID), local=local)
     system.gather(observations)
     return system
 
@@ -321,13 +323,15 @@ def test_the_prior_is_the_sum_over_neighbours_of_weighted_squares(shape):
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 1), (12, 20)])
 def test_weights_of_the_prior_follow_the_mean_square_around_in_sixteen_bits(shape):
     at, scale = _image(shape, 4), 6.0
-    prior = _system(shape=shape).edge_weights(at, scale)
+    local = _image(shape, 8) / np.float32(255)
+    prior = _system(shape=shape, local=local).edge_weights(at, scale)
     height, width = shape
     for plane, down, right, _ in NEIGHBOURS:
         inside = np.zeros(shape, bool)
         inside[: height - down, max(0, -right) : width - max(0, right)] = True
         share = scale**2 / (_mean_around(_squares(at, down, right)) + scale**2)
-        exact = sweeps.TOP * (sweeps.FLOOR + (1 - sweeps.FLOOR) * _mean_around(share))
+        there = np.pad(local, 1, mode="edge")
+        exact = sweeps.TOP * _mean_around(there * (sweeps.FLOOR + (1 - sweeps.FLOOR) * share))
         found = prior[plane, 1:, 1 : 1 + width]
         np.testing.assert_allclose(found[inside], exact[inside], atol=0.6, rtol=1e-5)
         assert not found[~inside].any()
@@ -461,34 +465,39 @@ def test_the_preconditioner_converges_faster_to_the_same_solution():
     )
 
 
-def _objective(system, image, observations, scale, strength) -> float:
-    """Σ w (s·Bf − y)² + λ / scale · Σ (f d² + (1 − f) scale² log(1 + ⟨d²⟩ / scale²))."""
+def _objective(system, image, observations, scale, strength, local) -> float:
+    """Σ w (s·Bf − y)² + λ / scale · Σ m (f ⟨d²⟩ + (1 − f) scale² log(1 + ⟨d²⟩ / scale²))."""
     x, y, value, weight = observations
     inside = np.isfinite(simulate(image, TAPS, x, y))
     total = (weight * (_seen(image, x, y) - value) ** 2)[inside].sum()
     for _, down, right, factor in NEIGHBOURS:
         square = _squares(image, down, right)
-        edges = scale**2 * np.log1p(_mean_around(square) / scale**2)
-        penalty = sweeps.FLOOR * square.sum() + (1 - sweeps.FLOOR) * edges.sum()
-        total += strength / scale * factor * penalty
+        around = _mean_around(square)
+        edges = scale**2 * np.log1p(around / scale**2)
+        penalty = sweeps.FLOOR * around + (1 - sweeps.FLOOR) * edges
+        total += strength / scale * factor * (np.pad(local, 1, mode="edge") * penalty).sum()
     return total
 
 
 @pytest.mark.parametrize("hold", [1, 3])
 def test_weighing_the_prior_anew_goes_down_to_where_the_penalty_is_least(hold):
     observations = _observations(count=(20, 30))
-    system = _system(observations)
+    local = np.linspace(0.4, 1, HR_SHAPE[1], dtype=np.float32) * np.ones(HR_SHAPE, np.float32)
+    system = _system(observations, local=local)
     start = np.full(HR_SHAPE, 120, np.float32)
+
+    def objective(image):
+        return _objective(system, image, observations, 5.0, 2.0, local)
+
     falling = [
-        _objective(system, system.descend(start, 5.0, 2.0, n, hold=hold), observations, 5.0, 2.0)
-        for n in (0, 1, 2, 4, 8, 16)
+        objective(system.descend(start, 5.0, 2.0, n, hold=hold)) for n in (0, 1, 2, 4, 8, 16)
     ]
     assert falling == sorted(falling, reverse=True)
     best = system.descend(start, 5.0, 2.0, 300, hold=hold)
-    least = _objective(system, best, observations, 5.0, 2.0)
+    least = objective(best)
     for seed in range(4):
         other = best + np.float32(0.3) * (_image(seed=seed) - np.float32(127)) / np.float32(127)
-        assert _objective(system, other, observations, 5.0, 2.0) > least
+        assert objective(other) > least
 
 
 def test_a_descent_that_has_come_far_enough_ends():
