@@ -22,12 +22,12 @@ NEW = FusedTuning(alone=0.0, together=14, settled=0.08)
 """The same where the previous frame does not show it."""
 
 MOVED = FusedTuning(
-    together=8, prior_strength=0.14, prior_noise_powers=(1.75, 1.75),
+    together=9, hold=4.2, prior_strength=0.14, prior_noise_powers=(1.75, 1.75),
     prior_psf_powers=(-1.0, -1.35), data_share=0.015,
 )  # fmt: skip
 """Work from a cold start where the camera has moved, of two views and at σ_psf 1: few steps smooth
-by themselves, and leave less to the prior; with so few observations they may go farther. More views
-need no more steps as it is."""
+by themselves, and leave less to the prior, which at noise 2 is weighed anew in every second one;
+with so few observations they may go farther. More views need no more steps as it is."""
 
 MOVED_FROM = 1.0
 """Noise from which so few steps are enough: with less of it there is more to find, grey levels."""
