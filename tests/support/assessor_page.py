@@ -11,6 +11,9 @@ from tests.support.browser import PATIENCE_MS
 
 PAGE = "main[data-page='{}']"
 
+MOST_FAILURES = 30
+"""Presentations shown too late, from which a page is taken for one that never shows any in time."""
+
 RECORD = """async () => {
   const {StereoDrawing} = await import("/dscqs/pages/drawing.js");
   const draw = StereoDrawing.prototype.draw;
@@ -150,6 +153,7 @@ class AssessorPage:
                 return
             if name == "failed":
                 self.failures += 1
+                assert self.failures < MOST_FAILURES, "no presentation is ever shown in time"
                 self.page.evaluate("window.drawn.splice(0)")
             self.press_main()
 
