@@ -46,7 +46,7 @@ from pipeline.workfolder import SegmentFiles
 
 Item = TypeVar("Item")
 
-WARM_UP = 8
+WARM_UP = 12
 """Frames before a segment that are computed and thrown away where frames start warm, so that
 a segment comes out the same wherever it is computed and the picture does not jump there."""
 

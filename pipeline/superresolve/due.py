@@ -38,8 +38,10 @@ MOVED_PSF_POWERS = (-1.3, 0.85)
 MOVED_NOISE_POWERS = (-0.2, 0.0)
 """… and with the noise likewise, below and above noise 2."""
 
-STILL = FusedTuning(alone=0.0, together=2)
-"""The same where nothing has changed but the mean of the observations."""
+STILL = FusedTuning(alone=0.0, together=2, prior_detail=(0.25, 0.5))
+"""The same where nothing has changed but the mean of the observations. The prior says more in what
+is rich in detail than elsewhere in a chain: where it says little, frames long ago are seen for
+longer, and a picture jumps where segments meet."""
 
 MOSTLY_CHANGED = 0.9
 """Share of the pixels, halos included, from which what has changed is not worth being cut out:
