@@ -7,6 +7,7 @@ against the mean, not the frame before, so that what changes slowly is found too
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import cv2
@@ -59,9 +60,9 @@ class Still:
     changed: Mask
     """(H, W): whether the pixel began a new mean with the last frame."""
 
-    @property
+    @functools.cached_property
     def touched(self) -> Mask:
-        """(H, W), a new array: what has changed, and what lies within ``CHANGE_REACH`` of it."""
+        """(H, W): what has changed, and what lies within ``CHANGE_REACH`` of it."""
         side = 2 * CHANGE_REACH + 1
         return cv2.dilate(self.changed.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
 
