@@ -126,8 +126,8 @@ def evaluate_set1(
         HR pixels cut at each border before measuring.
     neighbours : sequence of MultiViewFrame
         HR frames before and after, degraded likewise; the default method is given them.
-    on_score : callable, optional
-        Called with each score as it is there.
+    on_method : callable
+        Called with view id and method before each is run.
     superresolve : callable
         The super-resolution; another one in tests.
 

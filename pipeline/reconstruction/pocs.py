@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -190,8 +191,8 @@ def pocs(
                 item.position,
                 item.tilt,
                 item.beyond,
-                *axis_x.in_kernel,
-                *axis_y.in_kernel,
+                axis_x,
+                axis_y,
                 float(residual_bound),
                 float(residual_threshold),
                 bool(simplified),
@@ -216,12 +217,12 @@ def pocs(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Axis:
-    """One axis of grid and PSF, in the kernels' terms."""
+class _Axis(NamedTuple):
+    """One axis of grid and PSF, as the kernels take it."""
 
     magnification: int
     offset: float
+    """Of the grid, HR pixels."""
     size: int
     """HR pixels."""
     falloff: float
@@ -244,10 +245,6 @@ class _Axis:
             magnification=magnification, offset=offset, size=size, falloff=falloff, reach=reach
         )
 
-    @property
-    def in_kernel(self) -> tuple[int, float, int, float, int]:
-        return self.magnification, self.offset, self.size, self.falloff, self.reach
-
 
 @dataclass(kw_only=True, eq=False)
 class _ConstraintSets:
@@ -267,7 +264,7 @@ class _ConstraintSets:
         position = frozen(np.ascontiguousarray(view.position, np.float32))
         flags = np.array(view.flags, np.uint8, order="C")
         tilt = np.empty((*shape, 2), np.float32)
-        tilt_of_view(position, flags, *axis_x.in_kernel, *axis_y.in_kernel, tilt)
+        tilt_of_view(position, flags, axis_x, axis_y, tilt)
         return cls(
             observed=frozen(np.ascontiguousarray(view.observed, np.float32)),
             position=position,
@@ -310,16 +307,8 @@ def _check(
 def tilt_of_view(
     position: npt.NDArray,
     flags: npt.NDArray,
-    magnification_x: int,
-    offset_x: float,
-    width: int,
-    falloff_x: float,
-    reach_x: int,
-    magnification_y: int,
-    offset_y: float,
-    height: int,
-    falloff_y: float,
-    reach_y: int,
+    axis_x: _Axis,
+    axis_y: _Axis,
     tilt: npt.NDArray,
 ) -> None:
     """Write how each constraint's sub-pixel fraction bends its taps, in place; NaN: none.
@@ -334,8 +323,8 @@ def tilt_of_view(
         Landing points (x, y), LR pixels of the reference view.
     flags : (H, W) uint8
         Modified in place: NO_MOTION and OUTSIDE are added where the position says so.
-    magnification_x, offset_x, width, falloff_x, reach_x, and the same along y
-        Of :class:`_Axis`.
+    axis_x, axis_y : _Axis
+        Grid and PSF along x and y.
     tilt : (H, W, 2) float32
         Overwritten: exp(t / σ²) along x and y, or t where there is no blur.
     """
@@ -343,20 +332,30 @@ def tilt_of_view(
     half = 0.5
     for row in range(rows):
         for column in range(columns):
-            x = position[row, column, 0] * magnification_x + offset_x
-            y = position[row, column, 1] * magnification_y + offset_y
+            x = position[row, column, 0] * axis_x.magnification + axis_x.offset
+            y = position[row, column, 1] * axis_y.magnification + axis_y.offset
             if np.isnan(x) or np.isnan(y):
                 flags[row, column] |= _NO_MOTION
-            elif not (x >= -half and y >= -half and x < width - half and y < height - half):
+            elif not (-half <= x < axis_x.size - half and -half <= y < axis_y.size - half):
                 flags[row, column] |= _OUTSIDE
             if flags[row, column] != 0:
                 tilt[row, column, 0] = np.nan
                 tilt[row, column, 1] = np.nan
                 continue
-            fraction_x = x - np.floor(x + half)
-            fraction_y = y - np.floor(y + half)
-            tilt[row, column, 0] = np.exp(fraction_x * falloff_x) if falloff_x > 0 else fraction_x
-            tilt[row, column, 1] = np.exp(fraction_y * falloff_y) if falloff_y > 0 else fraction_y
+            tilt[row, column, 0] = _tilt(x - np.floor(x + half), axis_x.falloff)
+            tilt[row, column, 1] = _tilt(y - np.floor(y + half), axis_y.falloff)
+
+
+@njit(**_OPTIONS)
+def _nearest(landing: float, axis: _Axis) -> int:
+    """Return the HR pixel nearest to a landing point."""
+    return int(np.floor(landing * axis.magnification + axis.offset + 0.5))
+
+
+@njit(**_OPTIONS)
+def _tilt(fraction: float, falloff: float) -> float:
+    """Return what bends the taps, or the fraction itself where there is no blur."""
+    return np.exp(fraction * falloff) if falloff > 0 else fraction
 
 
 @njit(**_OPTIONS)
@@ -370,14 +369,13 @@ def _gaussian(falloff: float, reach: int) -> npt.NDArray:
 def _write_taps(
     tilt: float,
     gaussian: npt.NDArray,
-    falloff: float,
+    axis: _Axis,
     centre: int,
-    reach: int,
-    size: int,
     taps: npt.NDArray,
 ) -> float:
     """Write the taps of one constraint along one axis; return what makes their sum one."""
-    if falloff > 0:
+    reach, size = axis.reach, axis.size
+    if axis.falloff > 0:
         total = gaussian[reach]
         taps[reach] = total
         inverse = 1.0 / tilt
@@ -417,16 +415,8 @@ def sweep_view(
     position: npt.NDArray,
     tilt: npt.NDArray,
     beyond: npt.NDArray,
-    magnification_x: int,
-    offset_x: float,
-    width: int,
-    falloff_x: float,
-    reach_x: int,
-    magnification_y: int,
-    offset_y: float,
-    height: int,
-    falloff_y: float,
-    reach_y: int,
+    axis_x: _Axis,
+    axis_y: _Axis,
     residual_bound: float,
     residual_threshold: float,
     simplified: bool,
@@ -437,7 +427,7 @@ def sweep_view(
 
     Parameters
     ----------
-    estimate : (KH + 2·reach_y, KW + 2·reach_x + LANES) float32
+    estimate : (KH + 2·reach along y, KW + 2·reach along x + LANES) float32
         Grey levels; modified in place. The margin is zero and stays so.
     observed : (H, W) float32
         Grey levels.
@@ -447,8 +437,8 @@ def sweep_view(
         From :func:`tilt_of_view`; NaN: no constraint.
     beyond : (H, W) bool
         Overwritten where there are constraints: True where |residual| > T_R.
-    magnification_x, offset_x, width, falloff_x, reach_x, and the same along y
-        Of :class:`_Axis`.
+    axis_x, axis_y : _Axis
+        Grid and PSF along x and y.
     residual_bound, residual_threshold : float
         δ₀ and T_R, grey levels.
     simplified : bool
@@ -466,11 +456,11 @@ def sweep_view(
     Eight columns are written out by hand, so that they share one vector register.
     """
     zero = np.float32(0.0)
-    strips = (2 * reach_x + LANES) // LANES
+    strips = (2 * axis_x.reach + LANES) // LANES
     taps_x = np.zeros(strips * LANES, np.float32)
-    taps_y = np.zeros(2 * reach_y + 1, np.float32)
-    gaussian_x = _gaussian(falloff_x, reach_x)
-    gaussian_y = _gaussian(falloff_y, reach_y)
+    taps_y = np.zeros(2 * axis_y.reach + 1, np.float32)
+    gaussian_x = _gaussian(axis_x.falloff, axis_x.reach)
+    gaussian_y = _gaussian(axis_y.falloff, axis_y.reach)
     square_sum = 0.0
     num_active = 0
     num_beyond = 0
@@ -481,10 +471,10 @@ def sweep_view(
                 continue
             tilt_y = tilt[row, column, 1]
             # the window's first pixel is the centre less the reach, plus the margin
-            left = int(np.floor(position[row, column, 0] * magnification_x + offset_x + 0.5))
-            top = int(np.floor(position[row, column, 1] * magnification_y + offset_y + 0.5))
-            scale_x = _write_taps(tilt_x, gaussian_x, falloff_x, left, reach_x, width, taps_x)
-            scale_y = _write_taps(tilt_y, gaussian_y, falloff_y, top, reach_y, height, taps_y)
+            left = _nearest(position[row, column, 0], axis_x)
+            top = _nearest(position[row, column, 1], axis_y)
+            scale_x = _write_taps(tilt_x, gaussian_x, axis_x, left, taps_x)
+            scale_y = _write_taps(tilt_y, gaussian_y, axis_y, top, taps_y)
             scale = np.float32(scale_x * scale_y)
 
             simulated = zero
