@@ -97,7 +97,7 @@ def make_parser() -> Parser:
 def _add_run(commands: Any) -> None:
     from pipeline.config import Settings
     from pipeline.job import InputOptions, OutputOptions
-    from service.options import add_options
+    from service.options import ALIASES, add_options
 
     parser = commands.add_parser(
         "run",
@@ -112,7 +112,7 @@ def _add_run(commands: Any) -> None:
     )
     add_options(parser.add_argument_group("input"), InputOptions)
     output = parser.add_argument_group("output")
-    add_options(output, OutputOptions, aliases={"output": ("-o",), "quality": ("--crf",)})
+    add_options(output, OutputOptions, aliases={"output": ("-o",), **ALIASES})
     output.add_argument(
         "--resume",
         action="store_true",

@@ -128,7 +128,7 @@ def _run_submit(arguments: argparse.Namespace) -> int:
 
     from pipeline.config import Settings
     from pipeline.job import InputOptions, OutputOptions
-    from service.client import ServiceError, scene_files
+    from service.client import ServiceError, scene_files, scene_name
     from service.options import collect
 
     output = collect(arguments, OutputOptions)
@@ -151,6 +151,7 @@ def _run_submit(arguments: argparse.Namespace) -> int:
             job = client.submit({**request, "scene": str(arguments.scene)}, key=key)
         else:
             files = scene_files(arguments.scene)
+            request["name"] = scene_name(arguments.scene)
             if not any(path.is_file() for path in files.values()):
                 raise ServiceError(f"{arguments.scene}: there is no such scene")
             job = client.submit_files(files, request, key=key)
@@ -224,4 +225,10 @@ def _line(kind: str, data: Any) -> str:
         return f"frame {data['done']} of {data['total']}"
     if kind == "Warned":
         return f"warning: {data['text']}"
-    return kind
+    if kind == "JobStarted":
+        return f"{data['frames_total'] - data['frames_done']} frames to come"
+    if kind == "SegmentFinished":
+        return f"segment {data['index'] + 1} of {data['count']}"
+    if kind == "JobFinished":
+        return f"computed in {data['seconds']:.1f} s"
+    return kind.lower()

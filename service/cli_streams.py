@@ -240,7 +240,7 @@ def _run_subscribe(arguments: argparse.Namespace) -> int:
             count = _to_lines(units)
         receiver.close()
     if not arguments.quiet:
-        where = "" if arguments.output is None else f", wrote {arguments.output}"
+        where = f", wrote {arguments.output}" if arguments.output is not None and count else ""
         _note(f"received {count} frames, missed {receiver.missed}{where}")
     if not count:
         sys.stderr.write(f"depthsr: error: stream {arguments.stream}: nothing came\n")

@@ -218,6 +218,17 @@ def scene_files(scene: Path) -> dict[str, Path]:
     }
 
 
+def scene_name(scene: Path) -> str:
+    """Return what a scene is called: its folder's name, or its file's.
+
+    >>> scene_name(Path("hall/scene.json")), scene_name(Path("clip.mp4"))
+    ('hall', 'clip')
+    """
+    scene = scene.resolve()
+    of = scene.parent if scene.name == "scene.json" else scene
+    return of.name if of.is_dir() else of.stem
+
+
 def _taken(answer: httpx.Response) -> httpx.Response:
     """Return an answer that is no problem."""
     if answer.is_error:

@@ -15,13 +15,16 @@ from pipeline.job import FrameRange
 
 Container = argparse.ArgumentParser | argparse._ArgumentGroup
 
+ALIASES = {"quality": ("--crf",)}
+"""Further spellings of options, by field name."""
+
 
 def add_options(
     parser: Container,
     kind: type,
     *,
     leave_out: Iterable[str] = (),
-    aliases: dict[str, tuple[str, ...]] | None = None,
+    aliases: dict[str, tuple[str, ...]] = ALIASES,
 ) -> None:
     """Add one option for every field of a dataclass; an option not given is not set.
 
@@ -40,7 +43,7 @@ def add_options(
     for item in dataclasses.fields(kind):
         if item.name in leave_out:
             continue
-        names = (*(aliases or {}).get(item.name, ()), option_name(item.name))
+        names = (*aliases.get(item.name, ()), option_name(item.name))
         if hints[item.name] is bool:
             parser.add_argument(
                 *names, dest=item.name, action="store_true", default=argparse.SUPPRESS,
@@ -98,7 +101,8 @@ def _metavar(item: dataclasses.Field) -> str:
         "host": "ADDRESS", "data": "FOLDER", "roots": "FOLDER,...", "token_file": "FILE",
         "zenoh_listen": "ENDPOINT,...", "zenoh_connect": "ENDPOINT,...", "zenoh_ca": "FILE",
         "zenoh_certificate": "FILE", "zenoh_key": "FILE", "zenoh_users": "FILE",
-        "zenoh_user": "NAME", "zenoh_password_file": "FILE",
+        "zenoh_user": "NAME", "zenoh_password_file": "FILE", "zenoh_rights": "FILE",
+        "cluster": "ADDRESS",
     }  # fmt: skip
     return kinds.get(item.name, "N")
 

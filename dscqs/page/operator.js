@@ -43,7 +43,7 @@ const context = { api, attempt, follow, say, open: (test) => desk(test) };
 
 function login() {
   ending.abort();
-  head.replaceChildren(el("span", { class: "brand", text: "depthsr tests" }));
+  head.replaceChildren(el("a", { class: "brand", href: "/", text: "depthsr tests" }));
   const token = el("input", { type: "password", name: "token", autocomplete: "current-password", required: true });
   const wrong = el("p", { class: "bad", role: "alert" });
   const send = async (event) => {
@@ -77,7 +77,7 @@ async function desk(chosen) {
   ending.abort();
   ending = new AbortController();
   head.replaceChildren(
-    el("span", { class: "brand", text: "depthsr tests" }),
+    el("a", { class: "brand", href: "/", text: "depthsr tests" }),
     el("a", { class: "button small", href: "calibrate.html", target: "_blank", rel: "noopener", text: "Calibrate a display" }),
     el("span", { class: "who", text: who.name }),
     button("Log out", async () => {

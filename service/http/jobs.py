@@ -54,6 +54,7 @@ JobId = Annotated[str, InPath(max_length=64, examples=["3f0c5d9a7be24c6f8d1e0a4b
 
 EXAMPLE_JOB: dict[str, Any] = {
     "id": "3f0c5d9a7be24c6f8d1e0a4b5c6d7e8f",
+    "name": "teapot",
     "state": "running",
     "client": "ann",
     "priority": 0,
@@ -89,6 +90,7 @@ class JobView(BaseModel):
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE_JOB]})
 
     id: str
+    name: str = Field(description="its files begin with it")
     state: State
     client: str
     priority: int
@@ -408,8 +410,9 @@ def _under_a_root(scene: str | None, roots: tuple[Path, ...]) -> Path:
 
 
 def _stem(asked: JobRequest, scene: Path, folder: Path) -> str:
-    inside = scene.parent == folder / "input" and scene.name == "scene.json"
-    name = (scene.parent if scene.name == "scene.json" else scene).stem if not inside else "scene"
+    """Return what the job's files are called: of plain letters, as its own name or its scene."""
+    of = scene.parent if scene.name == "scene.json" else scene
+    name = asked.name or ("scene" if of == folder / "input" else of.stem)
     kept = "".join(c if (c.isalnum() and c.isascii()) or c in "-_" else "-" for c in name)[:60]
     return kept.strip("-") or "scene"
 
@@ -678,6 +681,7 @@ def view_of(record: JobRecord) -> JobView:
     here = f"/api/v1/jobs/{record.id}"
     return JobView(
         id=record.id,
+        name=record.request.get("name", "result"),
         state=record.state,
         client=record.client,
         priority=record.priority,

@@ -102,6 +102,12 @@ class JobRequest(BaseModel):
         max_length=4096,
         description="path under an allowed root; of uploaded files: the one among them to open",
     )
+    name: str | None = Field(
+        None,
+        min_length=1,
+        max_length=MAX_NAME,
+        description="what the job and its files are called; as the scene unless it is said",
+    )
     uploads: dict[str, str] | None = Field(
         None, description="finished uploads, by the relative name each file is to have"
     )

@@ -50,16 +50,25 @@ export async function showLeave() {
   });
 }
 
-/** Run what may fail; tell people where it does, and take it back where it does not. */
+/** The name of the work whose trouble is shown. */
+let troubled = null;
+
+/**
+ * Run what may fail; tell people where it does, until work of the same name does not.
+ *
+ * Work without a name is what somebody asked for just now: a look at the service that goes well
+ * does not take back what is said of it.
+ */
 export async function trying(work) {
   const place = document.getElementById("trouble");
   try {
     const done = await work();
-    place.hidden = true;
+    if (troubled === work.name) place.hidden = true;
     return done;
   } catch (error) {
     place.textContent = error instanceof TypeError ? "The service cannot be reached." : error.message;
     place.hidden = false;
+    troubled = work.name;
     return undefined;
   }
 }
@@ -112,9 +121,14 @@ export function moment(text) {
   return new Date(text).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
 }
 
-/** The name of a job for people: its scene, without the folders, or that it is an export. */
+/** A form of export for people: `half-sbs · mp4`. */
+export function formName(form) {
+  const kind = form.frames && !form.video ? "PNG" : [form.container, form.codec].filter(Boolean).join(" ");
+  return `${form.layout} · ${kind}`;
+}
+
+/** The name of a job for people, with the form that an export has, and enough of its id. */
 export function jobName(job) {
-  const scene = job.request.export ? "export" : job.request.scene ?? Object.keys(job.request.uploads ?? {})[0]?.split("/")[0];
-  const parts = (scene ?? "scene").split("/").filter((part) => part && part !== "scene.json");
-  return `${parts.at(-1) ?? "scene"} · ${job.id.slice(0, 8)}`;
+  const form = job.request.export ? [formName(job.request.export)] : [];
+  return [job.name, ...form, job.id.slice(0, 8)].join(" · ");
 }

@@ -83,14 +83,14 @@ function jobItem(job) {
 }
 
 function thumbOf(job) {
-  const image = element("img", { class: "thumb", alt: "" });
+  const empty = element("span", { class: "thumb" });
   if (job.frames_done > 0) {
     const pictured = job.request.of ?? job.id; // an export has the picture of its job
-    const loading = new Image(); // shown when it is there: the first second may be on its way
-    loading.addEventListener("load", () => { image.src = loading.src; });
-    loading.src = `/api/v1/jobs/${pictured}/watch/result/latest.jpg?${job.frames_done}`;
+    const image = element("img", { class: "thumb", alt: "" });
+    image.addEventListener("load", () => empty.replaceWith(image)); // it may be on its way
+    image.src = `/api/v1/jobs/${pictured}/watch/result/latest.jpg?${job.frames_done}`;
   }
-  return image;
+  return empty;
 }
 
 function whenOf(job) {
@@ -154,7 +154,10 @@ function requestOf(form) {
   const range = data.get("range").trim();
   return {
     settings: magnification ? { magnification } : {},
-    input: range ? { frames: range } : {},
+    input: {
+      ...(range && { frames: range }),
+      ...(data.get("input_layout") && { input_layout: data.get("input_layout") }),
+    },
     output: {
       layout: data.get("layout"), container: data.get("container"),
       frames: data.has("frames"), master: data.has("master"),
@@ -163,9 +166,9 @@ function requestOf(form) {
   };
 }
 
-async function submit(files) {
+async function submit({ files, folder }) {
   if (!files.length || !place("form").reportValidity()) return;
-  const request = requestOf(place("form"));
+  const request = { ...requestOf(place("form")), ...(folder && { name: folder }) };
   const stop = new AbortController();
   place("upload-stop").onclick = () => stop.abort();
   place("upload").hidden = false;
@@ -212,9 +215,9 @@ function listenForScenes() {
   for (const [button, input] of [["choose-folder", "folder"], ["choose-files", "files"]]) {
     place(button).addEventListener("click", () => place(input).click());
     place(input).addEventListener("change", async () => {
-      const files = chosen(place(input).files);
+      const scene = chosen(place(input).files);
       place(input).value = "";
-      await submit(files);
+      await submit(scene);
     });
   }
 }

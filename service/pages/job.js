@@ -1,7 +1,7 @@
 /** A job: how far it is, what came of it, and other forms of it. */
 
 import {
-  ask, bytes, element, jobName, moment, showLeave, stateOf, trying,
+  ask, bytes, duration, element, formName, jobName, moment, showLeave, stateOf, trying,
 } from "./api.js";
 import { plotsOf, viewRows } from "./report.js";
 
@@ -26,10 +26,10 @@ async function refresh() {
   showProgress(job);
   showFacts(job);
   place("exports").hidden = isExport || job.state !== "succeeded";
-  if (job.problem) {
-    place("trouble").textContent = `${job.problem.title}: ${job.problem.detail}`;
-    place("trouble").hidden = false;
-  }
+  place("problem").hidden = !job.problem;
+  if (job.problem) place("problem").textContent = `${job.problem.title}: ${job.problem.detail}`;
+  place("no-files").textContent = ["failed", "cancelled"].includes(job.state)
+    ? "None: the job has not come to its end." : "Nothing yet: files appear when the job has succeeded.";
   if (job.state === "succeeded") await Promise.all([showFiles(), isExport ? null : showExports()]);
 }
 
@@ -48,6 +48,7 @@ function showFacts(job) {
   const facts = [["id", job.id], ["client", job.client], ["created", moment(job.created)],
     ["priority", job.priority], ["attempt", job.attempt]];
   const walk = (value, name) => {
+    if (value === null || name === "priority") return undefined; // unsaid, or said above
     if (value && typeof value === "object" && !Array.isArray(value)) {
       if (name === "uploads") return facts.push(["files", Object.keys(value).length]);
       for (const [key, inner] of Object.entries(value)) walk(inner, key);
@@ -92,10 +93,8 @@ async function showFiles() {
 async function showExports() {
   const made = await ask(`${here}/exports`);
   place("export-list").replaceChildren(...made.jobs.map((job) => {
-    const form = job.request.export;
-    const kind = form.frames && !form.video ? "PNG" : `${form.container} ${form.codec ?? ""}`;
     return element("li", { class: "row spread" },
-      element("a", { href: `/jobs/${job.id}` }, `${form.layout} · ${kind}`), stateOf(job.state));
+      element("a", { href: `/jobs/${job.id}` }, formName(job.request.export)), stateOf(job.state));
   }));
   if (made.jobs.some((job) => !FINAL.includes(job.state))) {
     setTimeout(() => trying(showExports), 1500);
@@ -130,6 +129,20 @@ place("delete").addEventListener("click", () => trying(async () => {
 
 // Events
 
+/** What an event says, in words. */
+function wordsOf({ kind, data }) {
+  const words = {
+    JobStarted: () => `${data.frames_total - data.frames_done} frames to come`,
+    Compiling: () => "compiling, this once",
+    FrameFinished: () => `frame ${data.frame_index} (${data.done} of ${data.total})`,
+    SegmentFinished: () => `segment ${data.index + 1} of ${data.count}`,
+    Joining: () => "joining",
+    Warned: () => `warning: ${data.text}`,
+    JobFinished: () => `computed in ${duration(data.seconds)}`,
+  };
+  return words[kind]?.() ?? kind;
+}
+
 let source = null;
 let last = 0;
 let due = null;
@@ -141,11 +154,9 @@ function follow() {
     const said = JSON.parse(event.data);
     if (said.sequence <= last) return;
     last = said.sequence;
-    const text = said.kind === "FrameFinished"
-      ? `frame ${said.data.frame_index} (${said.data.done} of ${said.data.total})`
-      : [said.kind, said.data.text ?? ""].join(" ");
     place("log").prepend(element("tr", {},
-      element("td", { class: "soft" }, new Date(said.at).toLocaleTimeString()), element("td", {}, text)));
+      element("td", { class: "soft when" }, new Date(said.at).toLocaleTimeString()),
+      element("td", {}, wordsOf(said))));
     while (place("log").children.length > 400) place("log").lastChild.remove();
     due ??= setTimeout(() => {
       due = null;

@@ -60,8 +60,8 @@ export function plot(title, unit, curves) {
     curves.forEach(({ label }, number) => {
       const key = document.createElement("span");
       key.className = `key ${"ab"[number]}`;
-      key.textContent = `${label} `;
-      caption.append(key);
+      key.textContent = label;
+      caption.append(key, " ");
     });
   }
   const figure = document.createElement("figure");

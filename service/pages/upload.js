@@ -97,10 +97,10 @@ function parsed(text) {
   }
 }
 
-/** Return `[{name, file}]` of what was dropped, folders looked through. */
+/** Return what was dropped, folders looked through: see {@link withoutFolder}. */
 export async function dropped(transfer) {
   const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
-  if (!entries.length) return [...transfer.files].map((file) => ({ name: file.name, file }));
+  if (!entries.length) return withoutFolder([...transfer.files].map((file) => ({ name: file.name, file })));
   const found = [];
   for (const entry of entries) await walk(entry, "", found);
   return withoutFolder(found);
@@ -122,15 +122,16 @@ async function walk(entry, above, found) {
   }
 }
 
-/** Return `[{name, file}]` of what was chosen. */
+/** Return what was chosen: see {@link withoutFolder}. */
 export function chosen(list) {
   const found = [...list].map((file) => ({ name: file.webkitRelativePath || file.name, file }));
   return withoutFolder(found.filter(({ name }) => !name.split("/").some((p) => p.startsWith("."))));
 }
 
-/** A scene's names begin below its own folder. */
+/** Return `{files: [{name, file}], folder}`: a scene's names begin below its own folder, if any. */
 function withoutFolder(files) {
   const heads = new Set(files.map(({ name }) => name.split("/")[0]));
-  if (heads.size !== 1 || !files.every(({ name }) => name.includes("/"))) return files;
-  return files.map(({ name, file }) => ({ name: name.slice(name.indexOf("/") + 1), file }));
+  if (heads.size !== 1 || !files.every(({ name }) => name.includes("/"))) return { files, folder: null };
+  const [folder] = heads;
+  return { files: files.map(({ name, file }) => ({ name: name.slice(folder.length + 1), file })), folder };
 }

@@ -62,14 +62,15 @@ def test_submit_watches_and_fetches_what_run_would_have_made(
         "--segment-length", "2", "-o", str(target),
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "frame 6 of 6" in done.stderr
+    assert "6 frames to come\n" in done.stderr
+    assert "frame 6 of 6\nsegment 3 of 3\njoining\ncomputed in " in done.stderr
     assert _digest(target) == undisturbed
 
 
 def test_submit_fetches_every_view_under_its_name(live_service, tiny_scene, tmp_path):
     done = _run(
         "submit", str(tiny_scene), "--server", live_service.url, "--frames", ":1",
-        "--layout", "views", "-o", str(tmp_path / "out.mkv"),
+        "--layout", "views", "--crf", "20", "-o", str(tmp_path / "out.mkv"),
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     found = sorted(path.name for path in tmp_path.iterdir())

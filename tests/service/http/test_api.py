@@ -134,6 +134,23 @@ def test_multipart_upload_is_a_job(api, tiny_scene):
     assert "scene_3D_SBS_LR.mp4" in {item["name"] for item in results}
 
 
+@pytest.mark.parametrize(
+    ("files", "said", "name"),
+    [
+        (["clip.mp4"], {}, "clip"),
+        (["im2.png", "im6.png"], {}, "scene"),
+        (["scene.json", "left.png"], {}, "scene"),
+        (["hall/scene.json", "hall/left.png"], {}, "hall"),
+        (["im2.png", "im6.png"], {"name": "cones, 1st take"}, "cones--1st-take"),
+        (["im2.png"], {"name": "../.."}, "scene"),
+    ],
+)
+def test_a_job_is_called_as_it_says_or_as_its_scene(api, files, said, name):
+    sent = [("files", (file, b"x")) for file in files]
+    answer = api.post("/api/v1/jobs", files=sent, data={"job": json.dumps(said)})
+    assert (answer.status_code, answer.json()["name"]) == (202, name)
+
+
 def test_foreign_tus_client_resumes_and_the_upload_becomes_a_job(api, live_service, tiny_scene):
     from tusclient.client import TusClient
 

@@ -287,10 +287,66 @@ def test_a_folder_chosen_becomes_a_job_with_downloads(chromium, live_service, ti
         page.wait_for_selector("#files a")
         names = page.locator("#files a").all_inner_texts()
         assert "report.json" in names
-        assert any(name.endswith("_3D_SBS_LR.mkv") for name in names)
+        assert "small_3D_SBS_LR.mkv" in names
+        assert page.locator("#name").inner_text().startswith("small · ")
         with page.expect_download() as loading:
             page.locator("#files a", has_text="report.json").click()
         assert loading.value.suggested_filename == "report.json"
+
+
+def test_a_video_is_read_as_the_form_says(chromium, live_service, tmp_path):
+    video = tmp_path / "clip.mp4"
+    video.write_bytes(b"no video")
+    with opened(chromium, live_service.url) as page:
+        page.locator("summary").click()
+        page.locator("[name=input_layout]").select_option("half-sbs")
+        page.locator("#files").set_input_files(str(video))
+        page.wait_for_url("**/jobs/*")
+        made = page.url.rpartition("/")[2]
+    asked = httpx.get(f"{live_service.url}/api/v1/jobs/{made}", timeout=PATIENCE).json()["request"]
+    assert asked["input"] == {"input_layout": "half-sbs"}
+
+
+def test_the_page_of_a_failed_job_says_why(chromium, live_service):
+    """Also to who comes when it is over, and no look at the job that goes well takes it back."""
+    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as api:
+        made = api.post("/api/v1/jobs", files=[("files", ("clip.mp4", b"no video"))]).json()["id"]
+        follow(api, made)
+        why = api.get(f"/api/v1/jobs/{made}").json()["problem"]["detail"]
+    with opened(chromium, f"{live_service.url}/jobs/{made}") as page:
+        _until(page, "document.querySelectorAll('#log tr').length >= 3")  # each is a look
+        page.wait_for_timeout(1000)
+        assert why in page.locator("#problem").inner_text()
+        assert page.locator("#log td.when").first.inner_text()
+        assert page.locator("#problem").is_visible()
+        assert "not come to its end" in page.locator("#no-files").inner_text()
+        assert page.locator("#name").inner_text() == f"clip · {made[:8]}"
+
+
+def test_a_job_that_is_not_there_is_said_to_be_none(chromium, live_service):
+    with opened(chromium, f"{live_service.url}/jobs/none", errors=("404",)) as page:
+        page.wait_for_load_state("networkidle")
+        assert "there is no such job" in page.locator("#trouble").inner_text()
+        assert page.locator("#trouble").is_visible()
+
+
+def test_what_was_refused_stays_said(chromium, live_service, tmp_path):
+    video = tmp_path / "clip.mp4"
+    video.write_bytes(b"no video")
+    with opened(chromium, live_service.url, errors=("422",)) as page:
+        page.locator("summary").click()
+        page.locator("[name=range]").fill("9:3")
+        page.locator("#files").set_input_files(str(video))
+        page.wait_for_selector("#trouble:not([hidden])")
+        said = page.locator("#trouble").inner_text()
+        assert "9:3" in said
+        for _ in range(2):  # looks at the service that go well
+            with page.expect_response("**/api/v1/jobs?*") as answer:
+                pass
+            answer.value.finished()
+        page.wait_for_timeout(200)
+        assert page.locator("#trouble").is_visible()
+        assert page.locator("#trouble").inner_text() == said
 
 
 def test_who_has_no_token_is_led_to_the_door_and_back(chromium, make_service, tmp_path):

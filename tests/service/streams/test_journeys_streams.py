@@ -78,6 +78,16 @@ def test_a_scene_is_published_served_and_received(make_stage, tiny_scene, expect
     assert time.monotonic() - begin < 15
 
 
+def test_of_a_stream_that_never_comes_no_file_is_said_to_be_written(make_stage, tmp_path):
+    stage = make_stage("--workers", "0")
+    target = tmp_path / "out.mkv"
+    receiver = stage.run("subscribe", "none", "-o", str(target), "--wait", "0.5")
+    _, said = receiver.communicate(timeout=PATIENCE)
+    assert (receiver.returncode, target.exists()) == (1, False)
+    assert "stream none: nothing came" in said
+    assert "wrote" not in said
+
+
 def _history(stage, stream):
     with stage.bus() as bus:
         (answer,) = until(lambda: bus.ask(keys.history(stream)))
