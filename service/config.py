@@ -224,8 +224,10 @@ def format_config(loaded: LoadedConfig) -> str:
     rows = []
     for item in dataclasses.fields(ServiceConfig):
         value = getattr(loaded.config, item.name)
-        shown = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
-        rows.append((item.name, shown, loaded.origins[item.name]))
+        shown = ",".join(map(str, value if isinstance(value, tuple) else [value]))
+        rows.append(
+            (item.name, "none" if shown in ("", "None") else shown, loaded.origins[item.name])
+        )
     widths = [max(len(row[column]) for row in rows) for column in range(2)]
     return "\n".join(f"{name:<{widths[0]}}  {v:<{widths[1]}}  {o}" for name, v, o in rows)
 

@@ -24,8 +24,11 @@ from pipeline.media.scene import (
     ImageFiles,
     PackedEye,
     SceneDescription,
+    VideoFile,
     ViewDescription,
+    confined,
 )
+from pipeline.media.sound import has_sound
 
 UNTOLD_FPS = Fraction(25)
 """Rate of a scene of several frames that does not tell its own, frames a second."""
@@ -161,6 +164,8 @@ class SceneSource:
             notes.append("some views are grey and some in colour; grey ones get neutral colour")
         if any(view.color.repeats_line for view in self._views):
             notes.append("an odd number of lines for two eyes; the last one is repeated")
+        if any(has_sound(path) for path in self._color_videos()):
+            notes.append("the sound is not taken over: what is written has none")
         given = description.depth if any(has_depth) else None
         packed = self._views[0].description.color
         layout = packed.layout if isinstance(packed, PackedEye) else None
@@ -187,6 +192,15 @@ class SceneSource:
             input_layout=layout.value if layout is not None else None,
             warnings=tuple(notes),
         )
+
+    def _color_videos(self) -> set[Path]:
+        root = self._description.root
+        places = (view.description.color for view in self._views)
+        return {
+            confined(root, place.path)
+            for place in places
+            if isinstance(place, VideoFile | PackedEye)
+        }
 
     def _rate(self, count: int, notes: list[str]) -> Fraction:
         if self._description.fps is not None:

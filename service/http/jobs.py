@@ -28,7 +28,7 @@ from service.config import MIB
 from service.http import uploads
 from service.http.auth import Client, require
 from service.http.files import TAGGED, Known, add_heads, matches, send_file, tag_of, unchanged
-from service.http.problems import ProblemError, responses
+from service.http.problems import ProblemError, responses, wrong_fields
 from service.http.quota import check_queue, check_space, note_size
 from service.jobs.pictures import too_large
 from service.jobs.request import JobRequest, export_options, make_job, safe_name
@@ -339,9 +339,7 @@ def _parsed(text: str) -> JobRequest:
     try:
         return JobRequest.model_validate_json(text)
     except ValidationError as error:
-        said = [
-            {"at": "/".join(map(str, item["loc"])), "says": item["msg"]} for item in error.errors()
-        ]
+        said = wrong_fields(error.errors())
         detail = "; ".join(f"{item['at'] or 'body'}: {item['says']}" for item in said[:3])
         raise ProblemError("invalid", detail, errors=said[:20]) from None
 

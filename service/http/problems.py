@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -34,6 +34,17 @@ KINDS_OF_DSCQS = {
     "stimulus-lost": "internal", "dscqs-error": "internal",
 }  # fmt: skip
 """Kind of problem by the code of a :class:`DscqsError`."""
+
+
+def wrong_fields(errors: Iterable[Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Return where each of pydantic's errors is, and what it says."""
+    return [
+        {
+            "at": "/".join(map(str, item["loc"])),
+            "says": "no such field" if item["type"] == "extra_forbidden" else item["msg"],
+        }
+        for item in errors
+    ]
 
 
 class Problem(BaseModel):
@@ -117,9 +128,7 @@ def add_handlers(app: FastAPI, routes: Iterable[BaseRoute]) -> None:
 
     async def invalid(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError)
-        errors = [
-            {"at": "/".join(map(str, item["loc"])), "says": item["msg"]} for item in error.errors()
-        ]
+        errors = wrong_fields(error.errors())
         said = "; ".join(f"{item['at']}: {item['says']}" for item in errors[:3])
         kind = "bad-request" if request.url.path.startswith(DSCQS) else "invalid"
         return answer(kind, said, path=request.url.path, errors=errors[:20])

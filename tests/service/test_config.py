@@ -43,6 +43,8 @@ def test_the_command_prints_them(capsys):
     assert main(["settings", "--port", "9"]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["port", "9", "flag", "--port"] in rows
+    assert ["roots", "none", "default"] in rows
+    assert ["cluster", "none", "default"] in rows
 
 
 TLS = {"zenoh_certificate": "server.pem", "zenoh_key": "server.key", "zenoh_ca": "ca.pem"}

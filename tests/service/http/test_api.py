@@ -172,6 +172,15 @@ def test_foreign_tus_client_resumes_and_the_upload_becomes_a_job(api, live_servi
     assert follow(api, answer.json()["id"])[-1]["kind"] == "succeeded"
 
 
+def test_wrong_fields_are_each_named(api):
+    body = {"scene": "tiny", "outptu": {}, "settings": {"magnification": "7"}}
+    said = is_problem(api.post("/api/v1/jobs", json=body), 422, "invalid")
+    assert {"at": "outptu", "says": "no such field"} in said["errors"]
+    assert "settings/magnification: Input should be" in said["detail"]
+    said = is_problem(api.post("/api/v1/streams", json={"id": "a", "idel": 3}), 422, "invalid")
+    assert said["errors"] == [{"at": "body/idel", "says": "no such field"}]
+
+
 TUS = {"Tus-Resumable": "1.0.0"}
 
 
