@@ -177,6 +177,11 @@ function invitation(context, test, links) {
       el("button", { class: "main", value: "links", text: "Links to stations" }),
       el("button", { value: "group", text: "A group before one screen" }),
       el("button", { value: "dry", text: "Dry run" })));
+  if (/^(localhost|127\..*|\[::1\])$/.test(location.hostname)) {
+    form.append(el("p", { class: "muted wide",
+      text: `Links made here lead to ${location.host}, this machine alone. For telephones and ` +
+        "stations elsewhere, open this page by the address under which they reach the service." }));
+  }
   return form;
 }
 

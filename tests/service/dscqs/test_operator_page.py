@@ -142,6 +142,7 @@ def test_a_group_and_a_dry_run_are_let_in(page, served, make_http):
     page.get_by_label("Codes of assessors").fill("g1 g2 g3")
     page.get_by_role("button", name="A group before one screen").click()
     page.get_by_alt_text("QR code of the link of g3").wait_for()
+    assert page.get_by_text("this machine alone").is_visible()  # no telephone reaches it
     assert page.locator(".link").count() == before + 4
     _look(page, "operator-group")
     for _ in range(2):  # the newer takes the place of the one before
