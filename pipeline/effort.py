@@ -59,6 +59,11 @@ class Effort:
         return self.register and not self.alone
 
     @property
+    def looks_around(self) -> bool:
+        """Whether views other than the targets are looked at, if not all of them in every frame."""
+        return self.refresh_every is not None
+
+    @property
     def is_full(self) -> bool:
         """Whether nothing is left out."""
         return self == Effort()

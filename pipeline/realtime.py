@@ -27,8 +27,9 @@ stand farthest from the eyes go first), then motions that are kept as they are, 
 itself alone where it changes, last each eye of itself alone. As soon as frames cost more than there
 is time for, the controller goes down to the rung whose frames, by what these cost and by the work
 of either rung, have time enough: at once where the first frame of a rung costs a multiple of its
-time. It goes a rung up only after a long calm, longer each time that it had to be taken back. A
-frame that would be begun too late is dropped, and counted.
+time. It goes a rung up only after a long calm, longer each time that it had to be taken back; until
+what that rung takes is there, frames are made on the one below. A frame that would be begun too
+late is dropped, and counted.
 """
 
 from __future__ import annotations
@@ -257,6 +258,8 @@ class Controller:
     _rungs: tuple[Rung, ...] = field(init=False)
     _frames: list[int] = field(init=False)
     _costs: list[float] = field(default_factory=list, init=False)
+    """Shares of the budget that the last frames took, all of the rung ``_made``."""
+    _made: int = field(default=0, init=False)
     _beside: list[float] = field(default_factory=list, init=False)
     """Shares of the budget that the last frames took beside what their rungs decide on."""
     _calm: int = field(default=0, init=False)
@@ -300,19 +303,22 @@ class Controller:
             frames_by_rung={str(rung): count for rung, count in pairs if count},
         )
 
-    def begin(self, late: float) -> Choice:
+    def begin(self, late: float, highest: int = 0) -> Choice:
         """Choose what to do with the next frame.
 
         Parameters
         ----------
         late : float
             Seconds since it was due; 0 or less where it is in time.
+        highest : int
+            Number of the highest rung for which all that it takes is there.
         """
         drop = late > PATIENCE * self.budget
         if drop:
             self.dropped += 1
             self._has_dropped = True
-        return Choice(drop=drop, level=self.level, rung=self.rung, late=late)
+        level = max(self.level, highest)
+        return Choice(drop=drop, level=level, rung=self._rungs[level], late=late)
 
     def end(self, choice: Choice, seconds: float, worked: float | None = None) -> None:
         """Learn what a frame cost that was not dropped.
@@ -334,17 +340,23 @@ class Controller:
         cost = seconds / self.budget
         if is_first:
             if cost / COLD > FAR_TOO_MUCH:
-                self._move(self._level_for(cost / COLD, self.level))
+                self._move(self._level_for(cost / COLD, self.level, self.level))
+            return
+        if choice.level != self._made:
+            self._costs, self._made = [], choice.level
+        self._costs = [*self._costs, cost][-JUDGED:]
+        if choice.level > self.level:
+            if self._load() > TOO_MUCH:
+                self._down(self._load(), choice.level)
             return
         self._since_up += 1
-        self._costs = [*self._costs, cost][-JUDGED:]
         self._calm = self._calm + 1 if cost < LITTLE else max(0, self._calm - RESTLESS)
         load = self._load()
         was_guess, self._is_guess = self._is_guess, self._is_guess and cost > TOO_MUCH
-        if was_guess and cost <= TOO_MUCH and self._level_for(cost, 0) < self.level:
-            self._move(self._level_for(cost, 0))
+        if was_guess and cost <= TOO_MUCH and self._level_for(cost, self.level, 0) < self.level:
+            self._move(self._level_for(cost, self.level, 0))
         elif load > TOO_MUCH:
-            self._down(load)
+            self._down(load, self.level)
         elif self.level > 0 and self._calm >= self._calm_before_up():
             self._move(self.level - 1, climbs=True)
             self._since_up = 0
@@ -357,14 +369,15 @@ class Controller:
             return self._costs[0]
         return min(self._costs) if self._has_dropped and len(self._costs) > 1 else 0.0
 
-    def _down(self, load: float) -> None:
+    def _down(self, load: float, level: int) -> None:
+        """Go down from a rung on which frames take so much of the budget."""
         if self._since_up < TRIAL:
             self._calm_needed = min(2 * self._calm_needed, LONGEST_CALM)
         elif self._since_up > LONGEST_CALM:
             self._calm_needed = CALM
-        self._move(self._level_for(load, self.level))
+        self._move(self._level_for(load, level, level))
 
-    def _level_for(self, load: float, highest: int) -> int:
+    def _level_for(self, load: float, level: int, highest: int) -> int:
         """Return the first rung from ``highest`` whose frames have time enough.
 
         Where none has, the first that costs hardly more than the last one.
@@ -372,21 +385,21 @@ class Controller:
         Parameters
         ----------
         load : float
-            Share of the budget that frames take at the rung of now.
+            Share of the budget that frames take at the rung ``level``.
         """
-        costs = self._expected(load)
+        costs = self._expected(load, level)
         bound = max(AIM, (1 + IN_VAIN) * costs[-1])
         return next(level for level in range(highest, len(costs)) if costs[level] <= bound)
 
-    def _expected(self, load: float) -> list[float]:
+    def _expected(self, load: float, level: int) -> list[float]:
         """Return the share of the budget that frames should take on each rung."""
         beside = min(load, statistics.median(self._beside))
-        of_one = (load - beside) / self._rungs[self.level].work(self.num_views)
+        of_one = (load - beside) / self._rungs[level].work(self.num_views)
         return [beside + of_one * rung.work(self.num_views) for rung in self._rungs]
 
     def _calm_before_up(self) -> int:
         """Return how many calm frames are asked for: most where a rung up should be too much."""
-        expected = self._expected(statistics.median(self._costs))[self.level - 1]
+        expected = self._expected(statistics.median(self._costs), self.level)[self.level - 1]
         return LONGEST_CALM if expected > TOO_MUCH else self._calm_needed
 
     def _move(self, level: int, *, climbs: bool = False) -> None:
@@ -399,6 +412,7 @@ def paced(
     controller: Controller,
     clock: Callable[[], float],
     worked: Callable[[], float | None] = lambda: None,
+    highest: Callable[[Item], int] = lambda _: 0,
 ) -> Iterator[tuple[Item, Choice]]:
     """Yield frames with the choices of a controller, which learns what each of them cost.
 
@@ -412,6 +426,8 @@ def paced(
         Seconds.
     worked : callable
         Asked after each frame that is not dropped: see :meth:`Controller.end`.
+    highest : callable
+        Asked before each frame: see :meth:`Controller.begin`.
     """
     due: float | None = None
     asked = clock()
@@ -419,7 +435,7 @@ def paced(
         begin = clock()
         if due is not None:
             due += begin - asked
-        choice = controller.begin(0.0 if due is None else begin - due)
+        choice = controller.begin(0.0 if due is None else begin - due, highest(frame))
         yield frame, choice
         asked = clock()
         if not choice.drop:

@@ -22,7 +22,7 @@ from typing import Any, Protocol, TypeVar
 
 from pipeline.channel import Ahead
 from pipeline.debug_pictures import write_debug_pictures
-from pipeline.effort import looked_at
+from pipeline.effort import FULL, Effort, looked_at
 from pipeline.errors import SceneError
 from pipeline.events import Event, SegmentFinished, Warned
 from pipeline.frames import MultiViewFrame
@@ -306,11 +306,15 @@ class _Line:
         """Yield the frames of the segments, of each what its rung looks at, and note that rung."""
         window = self.work.job.settings.temporal_window
         targets = self.work.plan.targets
+        efforts = [rung.effort for rung in controller.rungs]
+        before = FULL
 
         def frames(wanted: range) -> Iterator[MultiViewFrame]:
+            nonlocal before
             for number in wanted:
                 level = 0 if window else controller.level
-                effort = controller.rungs[level].effort
+                level = highest_at_hand(source, number, efforts, level, before)
+                effort = before = efforts[level]
                 self.levels[number] = level
                 only = None
                 if not effort.registers:
@@ -390,6 +394,31 @@ class _Line:
             )
 
 
+def highest_at_hand(
+    source: FrameSource, frame_index: int, efforts: Sequence[Effort], level: int, before: Effort
+) -> int:
+    """Return the first rung from ``level`` for which a frame has what it takes.
+
+    What a rung does not look at is let go, and not decoded. When it is looked at again it is
+    caught up with while frames go on being made without it.
+
+    Parameters
+    ----------
+    efforts : sequence of Effort
+        Of all rungs.
+    before : Effort
+        With which the frame before was read.
+    """
+    wanted = efforts[level]
+    has_depth = not wanted.registers or source.approach(frame_index, depth=True)
+    has_views = not wanted.looks_around or source.approach(frame_index)
+    if not (has_views or before.looks_around):
+        return len(efforts) - 1
+    if not (has_depth or before.registers):
+        return next(level for level, effort in enumerate(efforts) if not effort.registers)
+    return level
+
+
 def hold_rate(
     line: _Line, frames: Iterable[_ReadFrame], controller: Controller
 ) -> Iterator[_DoneFrame]:
@@ -401,11 +430,14 @@ def hold_rate(
     targets = line.work.plan.targets
     last: FrameResult | None = None
     work = [0.0]
-    for item, choice in paced(frames, controller, line.clock, lambda: work[-1]):
+    for item, choice in paced(
+        frames, controller, line.clock, lambda: work[-1],
+        lambda item: line.levels.pop(item.frame.frame_index),
+    ):  # fmt: skip
         begin = line.clock()
         frame = item.frame
         is_shown_again = choice.drop and last is not None
-        rung = controller.rungs[max(choice.level, line.levels.pop(frame.frame_index))]
+        rung = choice.rung
         if choice.drop and last is not None:
             report = replace(last.report, frame_index=frame.frame_index, timings={})
             last = replace(last, frame_index=frame.frame_index, report=report, debug={})

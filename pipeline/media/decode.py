@@ -54,6 +54,9 @@ _STEREO_MODES = {
 _STEREO_TYPES = {1: "sbs", 2: "tab"}
 """FFmpeg's AVStereo3D types to ours."""
 
+APPROACH = 2
+"""Frames that are decoded at once, at most, of a video that is only drawn level with others."""
+
 _SEEK_TRIES = 4
 """How many key frames further back are tried where seeking overshoots."""
 
@@ -257,7 +260,7 @@ class VideoReader:
             raise SceneError(
                 f"no such frame; the file holds {self.num_frames}", path=self.path, frame=index
             )
-        if index < self._next or self._keyframe_between(index):
+        if self._first_needed(index) != self._next:
             self._seek(index)
         frame = self._decode_next(index)
         if (frame.width, frame.height) != (self.width, self.height):
@@ -266,12 +269,15 @@ class VideoReader:
             )
         return frame
 
-    def _keyframe_between(self, index: int) -> bool:
-        """Tell whether a key frame lies ahead that spares decoding up to it."""
-        if not self._timed or index <= self._next:
-            return False
-        at = bisect_right(self._keys, self._times[index]) - 1
-        return at >= 0 and self._keys[at] > self._times[self._next]
+    def _first_needed(self, index: int) -> int:
+        """Return the first frame that has to be decoded before ``index`` can be, or itself.
+
+        That is the next one, unless a key frame lies ahead that spares decoding up to it, or
+        ``index`` lies behind.
+        """
+        at = bisect_right(self._keys, self._times[index]) - 1 if self._timed else -1
+        key = bisect_left(self._times, self._keys[at]) if at >= 0 else 0
+        return self._next if key <= self._next <= index else key
 
     def picture(self, index: int) -> Picture:
         """Return frame ``index`` (0-based, presentation order) as luma and chroma.
@@ -296,11 +302,20 @@ class VideoReader:
         with self._lock:
             return _samples(self._frame(index), self.path)
 
-    def pass_over(self, index: int) -> None:
-        """Decode frame ``index`` unless each frame is a key frame, and convert nothing."""
+    def approach(self, index: int) -> bool:
+        """Decode a few of the frames that frame ``index`` needs, and convert nothing.
+
+        Returns
+        -------
+        bool
+            Whether all of them are decoded, so that frame ``index`` itself is next.
+        """
         with self._lock:
-            if len(self._keys) < self.num_frames and index >= self._next:
-                self._frame(index)
+            first = self._first_needed(index)
+            last = min(index, first + APPROACH) - 1
+            if last >= first:
+                self._frame(last)
+            return last == index - 1
 
     def stored(self, index: int) -> npt.NDArray:
         """Return frame ``index`` of an RGB or grey video as it is stored, nothing computed.

@@ -64,8 +64,8 @@ class PictureReader(Protocol):
     def samples(self, frame_index: int) -> npt.NDArray:
         """Return the stored values of that source frame number, (H, W)."""
 
-    def pass_over(self, frame_index: int) -> None:
-        """Let a frame go by that nobody looks at, so that the next one is soon there."""
+    def approach(self, frame_index: int) -> bool:
+        """Come nearer to a frame, by little work; return whether it can be read at once."""
 
     def missing(self, frame_index: int) -> SceneError:
         """Return what to say of a frame that is not there."""
@@ -187,8 +187,9 @@ class ImageFilesReader:
             )
         return stored
 
-    def pass_over(self, frame_index: int) -> None:
-        """Other files do not need this one."""
+    def approach(self, frame_index: int) -> bool:
+        """Files do not need one another."""
+        return True
 
     def missing(self, frame_index: int) -> SceneError:
         """Return what to say of a frame whose file is not there."""
@@ -211,8 +212,9 @@ class _StreamReader:
         self._path, self._first = path, first_frame
         self.num_frames = num_frames
 
-    def pass_over(self, frame_index: int) -> None:
-        """Other frames do not need this one."""
+    def approach(self, frame_index: int) -> bool:
+        """Frames do not need one another."""
+        return True
 
     def missing(self, frame_index: int) -> SceneError:
         """Return what to say of a frame after the file's end."""
@@ -248,9 +250,9 @@ class VideoFileReader(_StreamReader):
         """Return the stored values of that frame."""
         return self._video.samples(frame_index - self._first)
 
-    def pass_over(self, frame_index: int) -> None:
-        """Decode the frame, if those after it need it."""
-        self._video.pass_over(frame_index - self._first)
+    def approach(self, frame_index: int) -> bool:
+        """Decode a few of the frames that this one needs."""
+        return self._video.approach(frame_index - self._first)
 
 
 class PackedEyeReader(VideoFileReader):
@@ -278,9 +280,6 @@ class PackedEyeReader(VideoFileReader):
         row = height if eye.second and not eye.layout.is_horizontal else 0
         column = width if eye.second and eye.layout.is_horizontal else 0
         self._window = (slice(row, row + height), slice(column, column + width))
-
-    def pass_over(self, frame_index: int) -> None:
-        """The other half decodes it."""
 
     def picture(self, frame_index: int) -> Picture:
         """Return the half of that frame, as new arrays."""

@@ -241,6 +241,11 @@ class SceneSource:
             depth_is_metric=info.depth_is_metric,
         )
 
+    def approach(self, frame_index: int, *, depth: bool = False) -> bool:
+        """Draw near to a frame; see :class:`pipeline.media.source.FrameSource`."""
+        with self._lock:
+            return all([_approached(view, frame_index, depth=depth) for view in self._views])
+
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[MultiViewFrame]:
         """Yield frames ``start`` up to but without ``stop`` (source frame numbers), in order."""
         indices = self.info.frame_indices
@@ -259,16 +264,12 @@ class SceneSource:
         return frozenset(known for known in map(_identity, files) if known is not None)
 
     def _read_some(self, frame_index: int, only: Collection[str]) -> list[View]:
-        """Return these views without depth; all that is not read goes by."""
-        views = []
-        for view in self._views:
-            if view.description.view_id in only:
-                views.append(self._read_view(replace(view, depth=None), frame_index))
-            else:
-                view.color.pass_over(frame_index)
-            if view.depth is not None:
-                view.depth.pass_over(frame_index)
-        return views
+        """Return these views without depth."""
+        return [
+            self._read_view(replace(view, depth=None), frame_index)
+            for view in self._views
+            if view.description.view_id in only
+        ]
 
     def _read_view(self, view: _OpenView, frame_index: int) -> View:
         view_id = view.description.view_id
@@ -334,6 +335,14 @@ class SceneSource:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def _approached(view: _OpenView, frame_index: int, *, depth: bool) -> bool:
+    reader = view.depth if depth else view.color
+    try:
+        return reader is None or reader.approach(frame_index)
+    except SceneError as error:
+        raise SceneError(str(error), view=view.description.view_id, frame=frame_index) from error
 
 
 def _identity(path: Path) -> tuple[int, int] | None:

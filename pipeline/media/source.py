@@ -41,6 +41,28 @@ class FrameSource(Protocol):
             If there is no such frame, or it cannot be read; file, view and frame are named.
         """
 
+    def approach(self, frame_index: int, *, depth: bool = False) -> bool:
+        """Draw near to a frame, by little work, where not all of those before it were read.
+
+        Asked of every frame, it comes to be there: a video that nobody has looked at for a while
+        is taken up at its next key frame, or decoded two frames at a time.
+
+        Parameters
+        ----------
+        depth : bool
+            To its depth maps in place of its pictures.
+
+        Returns
+        -------
+        bool
+            Whether it can be read without anything before it being decoded first.
+
+        Raises
+        ------
+        SceneError
+            As of :meth:`read`.
+        """
+
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[MultiViewFrame]:
         """Yield frames ``start`` up to but without ``stop`` (source frame numbers), in order."""
 
@@ -142,6 +164,10 @@ class MemorySource:
             return frame
         views = (view for view in frame.views if view.view_id in only)
         return replace(frame, views=tuple(replace(view, depth_map=None) for view in views))
+
+    def approach(self, frame_index: int, *, depth: bool = False) -> bool:
+        """All frames are there."""
+        return True
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[MultiViewFrame]:
         """Yield frames ``start`` up to but without ``stop`` (source frame numbers), in order."""

@@ -358,3 +358,44 @@ def test_the_first_frame_may_take_its_time():
 def test_a_rate_that_is_none_is_refused(rate):
     with pytest.raises(ConfigurationError, match="--rate"):
         Controller(rate=rate, num_views=2)
+
+
+def _climbed():
+    """Return a controller that has just gone a rung up from the last one."""
+    controller = _controller()
+    _run(controller, [100 * BUDGET] * 4)
+    last = len(controller.rungs) - 1
+    assert controller.level == last
+    _run(controller, [0.89 * BUDGET] + [0.05 * BUDGET] * CALM)
+    assert controller.level == last - 1
+    return controller, last
+
+
+def test_a_frame_is_made_on_no_higher_rung_than_there_is_something_for():
+    controller = _controller()
+    assert controller.begin(0.0, highest=3).level == 3
+    assert str(controller.begin(0.0, highest=3).rung) == str(controller.rungs[3])
+    _run(controller, [100 * BUDGET] * 4)
+    assert controller.begin(0.0, highest=3).level == controller.level > 3
+
+
+@given(st.integers(1, 400))
+def test_it_does_not_climb_by_frames_that_were_made_on_a_lower_rung(count):
+    controller, last = _climbed()
+    level = controller.level
+    for _ in range(count):
+        choice = controller.begin(0.0, highest=last)
+        assert choice.level == last
+        controller.end(choice, 0.05 * BUDGET)
+    assert controller.level == level
+    assert controller.account.frames_by_rung[str(controller.rungs[last])] >= count
+
+
+def test_a_rung_up_is_taken_back_where_not_even_the_wait_for_it_fits():
+    controller, last = _climbed()
+    for _ in range(JUDGED):
+        controller.end(controller.begin(0.0, highest=last), 1.2 * BUDGET)
+    assert controller.level == last
+    levels = _run(controller, [0.05 * BUDGET] * CALM)
+    assert set(levels) == {last}, "and it waits longer for the next"
+    assert controller.level == last

@@ -584,3 +584,46 @@ def test_where_each_eye_is_made_alone_no_other_view_is_read(tmp_path):
     assert {"cam0", "cam1"} in [set(only) for only in read if only is not None]
     assert sum(only is not None for only in read) > 20
     assert summary.report["realtime"]["frames_by_rung"]["each eye alone"] > 15
+
+
+@pytest.mark.parametrize("comes", [True, False])
+def test_views_that_were_let_go_are_waited_for_before_quality_goes_up(tmp_path, comes):
+    """After a while that is busy: no video holds the stream up, and what is said is what was."""
+    now = 0.0
+    let_go: set[int] = set()
+
+    class Videos(MemorySource):
+        """Its other views are there at once, or at a key frame every ten frames, or never."""
+
+        def read(self, frame_index, *, only=None):
+            if only is not None and set(only) == {"cam0", "cam1"}:
+                let_go.add(frame_index)
+            else:
+                assert frame_index - 1 not in let_go or (comes and frame_index % 10 == 0)
+            return super().read(frame_index, only=only)
+
+        def approach(self, frame_index, *, depth=False):
+            return frame_index - 1 not in let_go or (comes and frame_index % 10 == 0)
+
+    class Busy(worker(enlarge)):
+        def take(self, frame, *, effort, neighbours):
+            nonlocal now
+            assert effort.refresh_every is None or len(frame.views) == 3
+            is_busy = frame.frame_index < 20
+            now += (0.018 if effort.refresh_every is None else 0.2) if is_busy else 0.001
+            return enlarge(frame, self.settings, targets=("cam0", "cam1"))
+
+    settings = Settings(temporal="warm", realtime=True, rate=50.0)
+    summary = run_job(
+        _job(tmp_path, settings=settings),
+        tools=_tools(
+            _frames(300),
+            open_scene=lambda path, **_: Videos(_frames(300)),
+            make_worker=Busy,
+            clock=lambda: now,
+        ),
+    )
+    rungs = [record["realtime"]["rung"] for record in summary.report["frames"]]
+    assert rungs[15] == "each eye alone"
+    assert rungs[-1] == ("full quality" if comes else "each eye alone")
+    assert summary.report["realtime"]["dropped"] <= 8

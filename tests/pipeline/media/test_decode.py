@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from collections.abc import Collection
 from fractions import Fraction
 from pathlib import Path
 
@@ -46,8 +47,12 @@ def write_video(
     metadata: dict[str, str] | None = None,
     size: tuple[int, int] = (HEIGHT, WIDTH),
     frames: int = NUM_FRAMES,
+    keys: Collection[int] = (),
 ) -> Path:
-    """Write a video; ``matrix`` is ISO/IEC 23091-2's number, 1 for BT.709 and 6 for BT.601."""
+    """Write a video; ``matrix`` is ISO/IEC 23091-2's number, 1 for BT.709 and 6 for BT.601.
+
+    Key frames are those of the codec's own choice, and ``keys``.
+    """
     with av.open(str(path), "w", options=container or {}) as output:
         stream = output.add_stream(codec, rate=RATE, options=options or {})
         stream.height, stream.width = size
@@ -67,6 +72,8 @@ def write_video(
             elif pixel_format != "rgb24":
                 frame = frame.reformat(format=pixel_format)
             frame.pts, frame.time_base = index, 1 / RATE
+            if index in keys:
+                frame.pict_type = av.video.frame.PictureType.I
             output.mux(stream.encode(frame))
         output.mux(stream.encode())
     return path
@@ -252,6 +259,25 @@ def test_a_scene_of_videos_starts_anywhere(tmp_path):
     assert in_order[5].depth_map.max() > 60
 
 
+def test_views_of_a_scene_that_were_let_go_come_back_with_the_depth_of_the_same_frame(tmp_path):
+    for name in "ab":
+        write_video(tmp_path / f"{name}.mp4", options=B_FRAMES)
+        write_video(
+            tmp_path / f"{name}-d.mkv", codec="ffv1", pixel_format="gray", tagged=False,
+            options={"g": "11"},
+        )  # fmt: skip
+    with open_scene(video_scene(tmp_path)) as source:
+        in_order = list(source.frames())
+    with open_scene(tmp_path) as source:
+        for index in range(6):
+            assert source.read(index, only=("a",)).view("a").luma.shape == (HEIGHT, WIDTH)
+        assert source.approach(7), "a key frame of the other view"
+        assert [source.approach(index, depth=True) for index in (9, 10, 11)] == [False, False, True]
+        for view, expected in zip(source.read(11).views, in_order[11].views, strict=True):
+            np.testing.assert_array_equal(view.luma, expected.luma)
+            np.testing.assert_array_equal(view.depth_map, expected.depth_map)
+
+
 def test_videos_of_unequal_length_are_named(tmp_path):
     for name, frames in (("a", 5), ("b", 4)):
         write_video(tmp_path / f"{name}.mp4", frames=frames)
@@ -271,21 +297,54 @@ def test_a_truncated_mp4_in_a_scene_names_view_and_file(tmp_path):
         open_scene(video_scene(tmp_path, views=views))
 
 
-@pytest.mark.parametrize("codec", ["libx264", "ffv1"])
-def test_frames_that_are_passed_over_change_no_other(tmp_path, codec):
-    lossless = codec == "ffv1"
-    path = write_video(
-        tmp_path / "v.mkv", codec=codec, pixel_format="gray" if lossless else "yuv420p",
-        options={} if lossless else B_FRAMES,
-    )  # fmt: skip
+OPEN = "scenecut=0:open-gop=1:b-pyramid=normal"
+
+GROUPS = {
+    "closed.mp4": {"options": B_FRAMES},
+    "open.mkv": {"options": B_FRAMES | {"x264-params": OPEN}},
+    "open.ts": {"options": B_FRAMES | {"x264-params": OPEN}},
+    "of-unequal-length.mkv": {"options": {"crf": "6", "g": "1000", "bf": "3", "forced-idr": "1"},
+                              "keys": (2, 11, 13)},
+    "one.mkv": {"options": {"crf": "6", "g": "1000", "bf": "3"}},
+    "refreshed.mkv": {"options": {"crf": "6", "g": "7", "x264-params": "intra-refresh=1"}},
+    "hevc.mkv": {"codec": "libx265", "options": {"x265-params":
+                 "log-level=none:keyint=6:min-keyint=6:open-gop=1:bframes=3:scenecut=0"}},
+    "mpeg2.mkv": {"codec": "mpeg2video", "options": {"g": "6", "bf": "2", "b:v": "3M"}},
+    "vp9.webm": {"codec": "libvpx-vp9", "options": {"g": "6", "auto-alt-ref": "1", "b:v": "2M",
+                                                    "lag-in-frames": "12"}},
+    "ffv1.mkv": {"codec": "ffv1", "pixel_format": "gray"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_a_video_that_was_let_go_is_taken_up_again_at_the_same_frames(tmp_path, name):
+    path = write_video(tmp_path / name, **GROUPS[name])
     straight, skipping = VideoReader(path), VideoReader(path)
     expected = [straight.picture(index).luma for index in range(NUM_FRAMES)]
-    for index in range(NUM_FRAMES):
-        if index % 5 in (1, 2):
-            skipping.pass_over(index)
-        else:
+    rng = np.random.default_rng(len(name))
+    for _ in range(6):
+        index = 0
+        while index < NUM_FRAMES:
+            for soon in range(index, min(index + rng.integers(4), NUM_FRAMES)):
+                skipping.approach(soon)
             np.testing.assert_array_equal(skipping.picture(index).luma, expected[index])
-    skipping.pass_over(3)
-    np.testing.assert_array_equal(skipping.picture(4).luma, expected[4])
+            index += rng.integers(1, 10)
     for reader in (straight, skipping):
+        reader.close()
+
+
+def test_a_video_is_approached_by_a_few_frames_at_a_time_or_from_its_next_key_frame(tmp_path):
+    options = {"crf": "6", "g": "1000", "bf": "3"}
+    one = VideoReader(write_video(tmp_path / "one.mkv", options=options, frames=40))
+    assert one.approach(0)
+    one.picture(0)
+    assert [one.approach(index) for index in range(10, 25)] == [False] * 7 + [True] * 8
+    keys = VideoReader(write_video(tmp_path / "keys.mkv", options=B_FRAMES, frames=40))
+    keys.picture(0)
+    assert [keys.approach(index) for index in (5, 6, 7, 8)] == [False, False, True, True]
+    assert keys.approach(30)
+    assert not keys.approach(20)
+    every = VideoReader(write_video(tmp_path / "every.mkv", options={"g": "1"}))
+    assert [every.approach(index) for index in (20, 3, 9)] == [True] * 3
+    for reader in (one, keys, every):
         reader.close()
