@@ -21,6 +21,8 @@ FORMAT = "depthsr-quality/1"
 
 ROOT = Path(__file__).parents[1]
 
+PARTS = ("set1", "beyond", "rendered")
+
 
 @dataclass(kw_only=True)
 class Cells:
@@ -81,9 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--write", type=Path, metavar="FILE", help="write the page as Markdown")
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep every cell here")
     parser.add_argument("--resume", action="store_true", help="take what FILE has already")
-    parser.add_argument(
-        "--only", choices=("set1", "rendered"), help="one part alone (default: both)"
-    )
+    parser.add_argument("--only", choices=PARTS, help="one part alone (default: all)")
     parser.add_argument(
         "--threads", type=int, default=0, help="threads (default: one a core); changes no number"
     )
@@ -115,9 +115,12 @@ def main(arguments: list[str] | None = None) -> int:
         print("DEPTHSR_SCENES names no folder: the real scenes are left out", file=sys.stderr)
     cells = kept_cells(options.json, code_digest(folder), options.resume)
     parts = []
-    if folder is not None:
+    wanted = PARTS if options.only is None else (options.only,)
+    if folder is not None and "set1" in wanted:
         parts.append(set1_part(folder, cells, settings, note))
-    if options.only != "set1":
+    if folder is not None and "beyond" in wanted:
+        parts.append(beyond_part(folder, cells, settings, note))
+    if "rendered" in wanted:
         parts.append(rendered_part(cells, settings, note))
     took = f"{time.perf_counter() - begin:.0f} s"
     if cells.resumed:
@@ -155,6 +158,11 @@ else is told, nothing is tuned to a scene. *single-view* is the default given th
 One cell by hand: `depthsr evaluate set1 SCENE --psf-sigma 1.7 --psf-support 7 --noise 2 --seed 1`.
 """
 
+BEYOND_TEXT = """Whether another view ever does harm: the last frame of each scene, other K, PSF
+(support 7 or more, as wide as six σ_psf) and noise (seed 3), both eyes. Given is the gain of the
+default over single-view at each noise, dB, and the least of its gains over bicubic at any.
+"""
+
 RENDERED_TEXT = """The scene that the project renders itself, 8 views of 512×384, σ_psf 1.0, noise
 1, depth as a stereo matcher delivers it (8 bit, noisy, ragged edges, holes). *True motion* is the
 same solver with the true motion and the true visibility in place of those estimated; *loss* is
@@ -190,6 +198,33 @@ def set1_part(folder: Path, cells: Cells, settings: Any, note: Callable[[str], N
             ("PSNR, dB", set1.psnr_table(found)),
             ("SSIM", set1.ssim_table(found)),
             ("Floors of Set 1", verdict_table(set1_floors(found))),
+        ],
+    )
+
+
+def beyond_part(folder: Path, cells: Cells, settings: Any, note: Callable[[str], None]) -> Part:
+    from pipeline.evaluation import beyond
+    from pipeline.evaluation.cells import SCENES
+    from pipeline.evaluation.floors import verdict_table
+
+    found = []
+    frames: dict[str, Any] = {}
+    for condition in (condition for scene in SCENES for condition in beyond.conditions(scene)):
+
+        def work(condition: beyond.Condition = condition) -> beyond.Gains:
+            note(condition.name)
+            if condition.scene not in frames:
+                frames.clear()
+                frames[condition.scene] = beyond.read_last(folder, condition.scene)
+            return beyond.measure(frames[condition.scene], condition, settings)
+
+        found.append(beyond.from_json(cells.get(f"beyond {condition.name}", work)))
+    return Part(
+        title="Beyond Set 1",
+        text=BEYOND_TEXT,
+        tables=[
+            ("What the other views bring, dB", beyond.table(found)),
+            ("Floor beyond Set 1", verdict_table(beyond.verdicts(found))),
         ],
     )
 

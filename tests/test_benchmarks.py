@@ -18,12 +18,13 @@ from benchmarks.floors import SpeedFigures
 from benchmarks.memory import load_frame, save_frame
 from benchmarks.unit import Measured, Timed, share_of_others
 from pipeline.config import Settings
+from pipeline.evaluation import beyond, rendered
 from pipeline.evaluation import cells as set1
 from pipeline.evaluation import floors as quality_floors
-from pipeline.evaluation import rendered
 from pipeline.evaluation.floors import PsfEstimate, RenderedCase, Set1Cell
 from pipeline.evaluation.methods import middle_views
 from pipeline.evaluation.tables import Table, signed
+from pipeline.report import to_plain
 from pipeline.synthetic import SampleScene
 
 GOOD = SpeedFigures(
@@ -108,6 +109,41 @@ def test_floors_of_set1():
     assert missed(_cell("x", pocs_simplified=34.21)) == [8]
     worst = quality_floors.set1_floors([*cells, _cell("x", bicubic=33.5)])[0].measured
     assert worst == "worst +0.50 dB (x σ 1 noise 2); 1 of 21 cells miss it"
+
+
+def _gains(eye, single_view):
+    condition = beyond.Condition(scene="x", magnification=3, psf_sigma=1.8, eye=eye)
+    return beyond.Gains(
+        condition=condition, bicubic=(30.0,) * 5, single_view=single_view, default=(33.0,) * 5
+    )
+
+
+def test_another_view_that_does_harm_anywhere_is_named():
+    fine, harmed = _gains("left", (32.0,) * 5), _gains("right", (32.0, 32.0, 32.0, 33.021, 32.0))
+    assert _words(beyond.verdicts([fine])) == ["met"]
+    (verdict,) = beyond.verdicts([fine, harmed])
+    assert verdict.word == "not met"
+    assert verdict.floor == "each of 10 cells: default ≥ single-view -0.02 dB"
+    assert verdict.measured == "worst -0.021 dB (x K 3 σ 1.8 right noise 5); 1 of 10 cells miss it"
+    assert beyond.table([harmed]).rows == (
+        ("x", "3", "1.8", "right", "+1.00", "+1.00", "+1.00", "-0.02", "+1.00", "+3.00"),
+    )
+    assert beyond.from_json(json.loads(json.dumps(to_plain(harmed)))) == harmed
+
+
+def test_both_eyes_are_measured_at_every_noise():
+    frame = SampleScene(width=160, height=144, num_views=2).frame(0, depth="stereo")
+    found = {
+        condition.eye: beyond.measure(frame, condition, Settings())
+        for condition in beyond.conditions("sample")
+        if condition.magnification == 2 and condition.psf_sigma == 1
+    }
+    assert set(found) == {"left", "right"}
+    for gains in found.values():
+        assert len(gains.over_single) == len(beyond.NOISES)
+        assert min(gains.over_single) > -0.02
+        assert list(gains.bicubic) == sorted(gains.bicubic, reverse=True)  # noise only costs
+    assert found["left"].bicubic != found["right"].bicubic
 
 
 def test_floors_of_the_estimated_psf():

@@ -117,11 +117,11 @@ class Set1Cell:
 def set1_floors(cells: Sequence[Set1Cell]) -> list[Verdict]:
     """Return the floors of Set 1, each met or not."""
     verdicts = [
-        _in_every_cell(
+        in_every_cell(
             f"every cell: default ≥ bicubic {signed(OVER_BICUBIC, 1)} dB",
             {cell.name: cell.gain("bicubic") for cell in cells}, OVER_BICUBIC,
         ),
-        _in_every_cell(
+        in_every_cell(
             f"every cell: default ≥ single-view {signed(OVER_SINGLE)} dB",
             {cell.name: cell.gain("single-view") for cell in cells}, OVER_SINGLE,
         ),
@@ -146,7 +146,7 @@ def set1_floors(cells: Sequence[Set1Cell]) -> list[Verdict]:
         )  # fmt: skip
     for method in ("pocs", "pocs-simplified"):
         verdicts.append(
-            _in_every_cell(
+            in_every_cell(
                 f"every cell: {method} at most {THESIS_ABOVE:g} dB above the default",
                 {cell.name: -cell.gain("default", method) for cell in cells}, -THESIS_ABOVE,
                 said=f"default over {method}",
@@ -161,13 +161,15 @@ def set1_floors(cells: Sequence[Set1Cell]) -> list[Verdict]:
     return verdicts
 
 
-def _in_every_cell(floor: str, gains: Mapping[str, float], limit: float, said: str = "") -> Verdict:
+def in_every_cell(
+    floor: str, gains: Mapping[str, float], limit: float, said: str = "", *, digits: int = 2
+) -> Verdict:
     """Return whether every gain reaches the limit; the worst one is named."""
     if not gains:
         return Verdict(floor=floor, measured="", met=None)
     worst = min(gains, key=lambda name: gains[name])
     missed = sum(not gain >= limit for gain in gains.values())
-    measured = f"{said} worst {signed(gains[worst])} dB ({worst})".strip()
+    measured = f"{said} worst {signed(gains[worst], digits)} dB ({worst})".strip()
     if missed:
         measured += f"; {missed} of {len(gains)} cells miss it"
     return Verdict(floor=floor, measured=measured, met=missed == 0)
