@@ -17,9 +17,11 @@ from pipeline.errors import OutputError
 from pipeline.events import Event, FrameFinished, JobFinished, JobStarted, Joining, SegmentFinished
 from pipeline.job import OutputOptions, Segment, cut_segments
 from pipeline.media.decode import VideoReader
-from pipeline.media.encode import Eyes, join_segments, write_segment
+from pipeline.media.encode import Eyes, join_segments, takes_sound, write_segment
 from pipeline.media.files import check_folder_writable, check_writable, remove_leftovers
+from pipeline.media.info import Sound
 from pipeline.media.png import png_path, write_png
+from pipeline.media.sound import sound_codec
 from pipeline.media.video_format import VideoCodec, VideoFormat
 from pipeline.stereo import StereoLayout, unpack
 from pipeline.stop import StopFlag
@@ -119,8 +121,9 @@ def export(
             on_event(Joining(segments=len(segments)))
             if video_format is not None and output.output is not None:
                 join_segments(
-                    [_video(folder, item) for item in segments], output.output, video_format
-                )
+                    [_video(folder, item) for item in segments], output.output, video_format,
+                    _sound(master, len(frames), output, video_format),
+                )  # fmt: skip
             folder.remove()
     on_event(JobFinished(seconds=0.0))
     return len(frames)
@@ -133,6 +136,17 @@ def _check(master: Master, layout: StereoLayout) -> None:
         raise OutputError(
             f"the master has the {master.layout.value} eye only: layout {layout.value!r} needs both"
         )
+
+
+def _sound(
+    master: Master, num_frames: int, output: OutputOptions, video_format: VideoFormat
+) -> Sound | None:
+    """Return the master's sound, if the export is to have it and takes it."""
+    if output.sound == "none" or sound_codec(master.path) is None:
+        return None
+    if not takes_sound(video_format.container, master.path):
+        return None
+    return Sound(path=master.path, begin=Fraction(0), end=num_frames / master.fps)
 
 
 def _fingerprint(output: OutputOptions) -> Mapping[str, Any]:

@@ -18,6 +18,9 @@ from pipeline.superresolve.due import NEW, STILL, WARM
 RESULT_SETTINGS_IGNORED = frozenset({"threads"})
 """Settings that change the time but not the result, so that a resumed run may differ in them."""
 
+OUTPUT_IGNORED = frozenset({"report", "sound"})
+"""What is written at the end alone, beside or along with the pictures."""
+
 
 def make_fingerprint(job: Job, frames: range, targets: tuple[str, ...]) -> dict[str, Any]:
     """Return what the result of a job depends on, as one flat record."""
@@ -28,7 +31,9 @@ def make_fingerprint(job: Job, frames: range, targets: tuple[str, ...]) -> dict[
         f"input {key}": value for key, value in to_plain(job.input).items() if key != "frames"
     }
     record |= {
-        f"output {key}": value for key, value in to_plain(job.output).items() if key != "report"
+        f"output {key}": value
+        for key, value in to_plain(job.output).items()
+        if key not in OUTPUT_IGNORED
     }
     if job.settings.temporal == "warm":
         for name, tuning in (("warm", WARM), ("new", NEW), ("still", STILL)):

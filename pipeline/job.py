@@ -17,6 +17,7 @@ from pipeline.errors import ConfigurationError
 INPUT_LAYOUTS = ("sbs", "half-sbs", "tab", "half-tab")
 """How two eyes may share one input picture."""
 
+SOUNDS = ("copy", "none")
 OUTPUT_LAYOUTS = ("sbs", "half-sbs", "tab", "half-tab", "anaglyph", "left", "right", "views")
 """How the eyes may be written."""
 
@@ -111,6 +112,9 @@ class OutputOptions:
     quality: int | None = setting(
         None, "constant rate factor; smaller is better (default: the codec's)", unit="CRF"
     )
+    sound: str = setting(
+        "copy", "the sound of the video that is read: as it is, or none", choices=SOUNDS
+    )
     frames_dir: Path | None = setting(
         None, "folder for lossless PNG of every frame, left-000000.png and so on"
     )
@@ -129,6 +133,8 @@ class OutputOptions:
     def __post_init__(self) -> None:
         if self.codec is not None and self.codec not in CODECS:
             raise ConfigurationError(f"--codec: {self.codec!r} is not one of {', '.join(CODECS)}")
+        if self.sound not in SOUNDS:
+            raise ConfigurationError(f"--sound: {self.sound!r} is not one of {', '.join(SOUNDS)}")
         if self.layout not in OUTPUT_LAYOUTS:
             raise ConfigurationError(
                 f"--layout: {self.layout!r} is not one of {', '.join(OUTPUT_LAYOUTS)}"

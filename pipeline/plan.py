@@ -11,11 +11,13 @@ from pipeline.config import Settings
 from pipeline.errors import ConfigurationError, OutputError
 from pipeline.grid import Grid
 from pipeline.job import InputOptions, Job, OutputOptions
+from pipeline.media.encode import takes_sound
 from pipeline.media.files import check_folder_writable, check_writable
-from pipeline.media.info import SceneInfo
+from pipeline.media.info import SceneInfo, Sound
 from pipeline.media.png import png_path
+from pipeline.media.sound import sound_codec
 from pipeline.media.source import FrameSource
-from pipeline.media.video_format import video_paths
+from pipeline.media.video_format import container_of, video_paths
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.sink import OutputPlan
 from pipeline.stereo import StereoLayout
@@ -35,6 +37,7 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
     grid = job.settings.grid
     hr_shape = grid.hr_shape(info.lr_shape)
     _check_psf(job.settings, hr_shape)
+    sound, warnings = _sound(job, info)
     return OutputPlan(
         options=replace(job.output, layout=layout),
         targets=targets,
@@ -48,7 +51,28 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
         pixel_aspect=_pixel_aspect(info, grid),
         between=place,
         is_realtime=job.settings.realtime,
+        sound=sound,
+        warnings=warnings,
     )
+
+
+def _sound(job: Job, info: SceneInfo) -> tuple[Sound | None, tuple[str, ...]]:
+    """Return the sound of the frames that are written, and what is to be said of it."""
+    if info.sound is None or job.output.sound == "none":
+        return None, ()
+    first, frames = info.frame_indices.start, job.input.frames.within(info.frame_indices)
+    sound = Sound(
+        path=info.sound,
+        begin=(frames.start - first) / info.fps,
+        end=(frames.stop - first) / info.fps,
+    )
+    if job.output.output is None:
+        return sound, ()
+    container = container_of(job.output.output)
+    if takes_sound(container, info.sound):
+        return sound, ()
+    codec = sound_codec(info.sound)
+    return sound, (f"{job.output.output}: a .{container} file takes no {codec} sound: it has none",)
 
 
 def _pixel_aspect(info: SceneInfo, grid: Grid) -> Fraction:

@@ -197,7 +197,11 @@ def make_report(
             ]
         ),
         "warnings": distinct(
-            [*info.warnings, *(text for frame in frames for text in frame["warnings"])]
+            [
+                *info.warnings,
+                *plan.warnings,
+                *(text for frame in frames for text in frame["warnings"]),
+            ]
         ),
     }
 

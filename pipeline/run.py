@@ -152,7 +152,7 @@ def run_job(
                     hr_shape=plan.hr_shape,
                 )
             )
-            for text in info.warnings:
+            for text in (*info.warnings, *plan.warnings):
                 tell(Warned(text=text))
             if todo:
                 work = Work(

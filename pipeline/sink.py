@@ -15,6 +15,7 @@ from typing import Protocol
 from pipeline.frames import Place
 from pipeline.grid import Grid
 from pipeline.job import OutputOptions, Segment
+from pipeline.media.info import Sound
 from pipeline.results import FrameResult
 
 
@@ -43,6 +44,10 @@ class OutputPlan:
     """Where the one target lies, if it is a view between two cameras."""
     is_realtime: bool = False
     """Whether it is written at the pace of a live stream."""
+    sound: Sound | None = None
+    """What goes along with the pictures, into files of a kind that takes it."""
+    warnings: tuple[str, ...] = ()
+    """What of it cannot be as one would expect, a sentence each."""
 
     @property
     def computed(self) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from pipeline.job import FrameRange
 
 Container = argparse.ArgumentParser | argparse._ArgumentGroup
 
-ALIASES = {"quality": ("--crf",)}
+ALIASES: dict[str, tuple[str, ...]] = {"quality": ("--crf",)}
 """Further spellings of options, by field name."""
 
 

@@ -30,7 +30,9 @@ import numpy.typing as npt
 
 from pipeline.errors import OutputError
 from pipeline.media.files import atomic_path, output_error
+from pipeline.media.info import Sound
 from pipeline.media.matroska import set_eye_shape
+from pipeline.media.sound import SoundCopy, holds_sound
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
 from pipeline.media.ycbcr import YcbcrMatrix, matrix_for, to_yuv420
 from pipeline.stereo import Picture, StereoLayout, pack, pad_to_multiple
@@ -186,7 +188,16 @@ def segment_info(path: Path) -> SegmentInfo:
         return SegmentInfo(first_frame=_first_frame(path, container), num_frames=len(numbers))
 
 
-def join_segments(segments: Sequence[Path], out: Path, video_format: VideoFormat) -> int:
+def takes_sound(container: Container, path: Path) -> bool:
+    """Tell whether a kind of file takes the sound of a video file as it is."""
+    muxer, options = _MUXERS[container]
+    # what moves the index to the front asks for a file on disk
+    return holds_sound(muxer, {key: options[key] for key in options if key != "movflags"}, path)
+
+
+def join_segments(
+    segments: Sequence[Path], out: Path, video_format: VideoFormat, sound: Sound | None = None
+) -> int:
     """Copy the packets of segments into one video; return its number of frames.
 
     Nothing is encoded again. The video starts at time 0; frame n is shown at
@@ -200,12 +211,14 @@ def join_segments(segments: Sequence[Path], out: Path, video_format: VideoFormat
     out : Path
         Written whole or not at all; an existing file is replaced.
     video_format : VideoFormat
+    sound : Sound, optional
+        Copied along; of a kind that the container takes, see :func:`takes_sound`.
 
     Raises
     ------
     OutputError
-        If a segment is missing, damaged, out of order or of another kind, or
-        the video cannot be written.
+        If a segment is missing, damaged, out of order or of another kind, the sound cannot be
+        read, or the video cannot be written.
     """
     if not segments:
         raise OutputError(f"{out}: there are no segments to join")
@@ -221,9 +234,11 @@ def join_segments(segments: Sequence[Path], out: Path, video_format: VideoFormat
                 stream.time_base = 1 / video_format.fps
                 stream.codec_context.framerate = video_format.fps
                 stream.codec_context.sample_aspect_ratio = _sample_aspect(video_format)
-            joiner = _Joiner(out, output, stream, video_format)
+                track = None if sound is None else stack.enter_context(SoundCopy(sound, output))
+            joiner = _Joiner(out, output, stream, video_format, track)
             for path in segments:
                 joiner.append(path)
+            joiner.finish()
         layout = video_format.layout
         is_oblong = layout.half or video_format.pixel_aspect != 1
         if layout.packed and is_oblong and video_format.container is not Container.MP4:
@@ -360,10 +375,14 @@ class _SegmentEncoder:
 class _Joiner:
     """Appends segments to a container and keeps count of the time."""
 
-    def __init__(self, out: Path, output: Any, stream: Any, video_format: VideoFormat) -> None:
+    def __init__(
+        self, out: Path, output: Any, stream: Any, video_format: VideoFormat,
+        sound: SoundCopy | None,
+    ) -> None:  # fmt: skip
         self._out = out
         self._output = output
         self._stream = stream
+        self._sound = sound
         self._format = video_format
         self._delay = REORDER_DELAY.get(video_format.codec, 0)
         self._kind: tuple | None = None
@@ -383,8 +402,17 @@ class _Joiner:
                 with _libav_errors(self._out):
                     self._output.mux(packet)
                 self.num_frames += 1
+                if self._sound is not None:
+                    with _libav_errors(self._out):
+                        self._sound.up_to(self.num_frames / self._format.fps)
         assert self._next_frame is not None
         self._next_frame += self.num_frames - offset
+
+    def finish(self) -> None:
+        """Append what is left of the sound."""
+        if self._sound is not None:
+            with _libav_errors(self._out):
+                self._sound.to_end()
 
     def _check(self, path: Path, container: Any) -> None:
         stream = container.streams.video[0]

@@ -1,9 +1,21 @@
-"""What is known of a scene once it is open: one frozen record."""
+"""What is known of a scene once it is open: frozen records."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from pathlib import Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sound:
+    """A stretch of a video file's sound."""
+
+    path: Path
+    begin: Fraction
+    """Where it begins, seconds from the file's first picture."""
+    end: Fraction
+    """Where it ends, likewise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +57,8 @@ class SceneInfo:
     ½ for halves of half-height top-bottom video."""
     input_layout: str | None = None
     """``sbs``, ``half-sbs``, ``tab`` or ``half-tab`` where two views share one picture."""
+    sound: Path | None = None
+    """The video file whose sound belongs to the scene, if any."""
     warnings: tuple[str, ...] = ()
     """What was guessed, ignored or looks suspicious, a sentence each."""
 

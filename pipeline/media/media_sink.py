@@ -9,7 +9,7 @@ from pathlib import Path
 from pipeline.colour import to_grey, to_rgb
 from pipeline.fan_out import fan_out
 from pipeline.job import Segment
-from pipeline.media.encode import Eyes, check_size, join_segments, write_segment
+from pipeline.media.encode import Eyes, check_size, join_segments, takes_sound, write_segment
 from pipeline.media.files import check_writable, remove_leftovers
 from pipeline.media.png import png_path, write_png
 from pipeline.media.video_format import VideoCodec, VideoFormat, video_paths
@@ -43,6 +43,7 @@ class MediaSink:
         options = plan.options
         self._layout = StereoLayout(options.layout)
         self._format = None
+        self._sound = None
         if options.output is not None:
             self._format = VideoFormat.for_path(
                 options.output,
@@ -55,6 +56,8 @@ class MediaSink:
             )
             eyes = 1 if self._layout is StereoLayout.VIEWS else len(plan.targets)
             check_size(options.output, self._format, plan.hr_shape, eyes)
+            if plan.sound is not None and takes_sound(self._format.container, plan.sound.path):
+                self._sound = plan.sound
         if options.frames_dir is not None:
             for name in plan.picture_names.values():
                 png_path(options.frames_dir, name, 0)  # can it be a file name?
@@ -106,7 +109,7 @@ class MediaSink:
         for view_id, output in self._outputs().items():
             assert self._format is not None
             segments = [self._segment_files(stem)[view_id] for stem in stems]
-            join_segments(segments, output, self._format)
+            join_segments(segments, output, self._format, self._sound)
             written.append(output)
         if self.plan.options.frames_dir is not None:
             written.append(self.plan.options.frames_dir)

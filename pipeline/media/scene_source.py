@@ -28,7 +28,7 @@ from pipeline.media.scene import (
     ViewDescription,
     confined,
 )
-from pipeline.media.sound import has_sound
+from pipeline.media.sound import sound_codec
 
 UNTOLD_FPS = Fraction(25)
 """Rate of a scene of several frames that does not tell its own, frames a second."""
@@ -164,13 +164,12 @@ class SceneSource:
             notes.append("some views are grey and some in colour; grey ones get neutral colour")
         if any(view.color.repeats_line for view in self._views):
             notes.append("an odd number of lines for two eyes; the last one is repeated")
-        if any(has_sound(path) for path in self._color_videos()):
-            notes.append("the sound is not taken over: what is written has none")
         given = description.depth if any(has_depth) else None
         packed = self._views[0].description.color
         layout = packed.layout if isinstance(packed, PackedEye) else None
         assert description.left is not None
         assert description.right is not None
+        fps = self._rate(count, notes)
         return SceneInfo(
             path=str(description.source or description.root),
             layout=description.layout,
@@ -178,7 +177,7 @@ class SceneSource:
             all_view_ids=description.view_ids,
             lr_shape=(forms[0].height, forms[0].width),
             frame_indices=range(description.first_frame, description.first_frame + count),
-            fps=self._rate(count, notes),
+            fps=fps,
             left=description.left,
             right=description.right,
             bit_depth=max(form.bit_depth for form in forms),
@@ -190,17 +189,27 @@ class SceneSource:
             has_calibration=all(calibrated),
             pixel_aspect=layout.pixel_aspect if layout is not None else Fraction(1),
             input_layout=layout.value if layout is not None else None,
+            sound=self._sound(fps, notes),
             warnings=tuple(notes),
         )
 
-    def _color_videos(self) -> set[Path]:
-        root = self._description.root
-        places = (view.description.color for view in self._views)
-        return {
-            confined(root, place.path)
-            for place in places
-            if isinstance(place, VideoFile | PackedEye)
-        }
+    def _sound(self, fps: Fraction, notes: list[str]) -> Path | None:
+        """Return the first video of a view that has sound, that of the left eye before others."""
+        left = self._description.left
+        for view in sorted(self._views, key=lambda view: view.description.view_id != left):
+            place = view.description.color
+            if not isinstance(place, VideoFile | PackedEye):
+                continue
+            path = confined(self._description.root, place.path)
+            if sound_codec(path) is None:
+                continue
+            if view.color.fps in (None, fps):
+                return path
+            notes.append(
+                f"{path}: the sound is not taken over, since {fps} frames are shown a second "
+                f"in place of {view.color.fps}"
+            )
+        return None
 
     def _rate(self, count: int, notes: list[str]) -> Fraction:
         if self._description.fps is not None:

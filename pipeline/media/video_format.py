@@ -53,6 +53,24 @@ HIGHEST_FPS = 500
 """Frames a second; Matroska's clock ticks in milliseconds."""
 
 
+def container_of(path: Path) -> Container:
+    """Return the kind of file that a name asks for.
+
+    Raises
+    ------
+    ConfigurationError
+        If the suffix is none of ``.mp4``, ``.mkv`` and ``.webm``.
+    """
+    suffix = path.suffix.lower().removeprefix(".")
+    if suffix not in list(Container):
+        known = ", ".join(f".{container}" for container in Container)
+        raise ConfigurationError(
+            f"{path}: {'.' + suffix if suffix else 'no suffix'}: "
+            f"the name of a video must end in one of {known}"
+        )
+    return Container(suffix)
+
+
 @dataclass(frozen=True, kw_only=True)
 class VideoFormat:
     """The kind of video file a job writes, the same for all its segments.
@@ -113,7 +131,7 @@ class VideoFormat:
         Raises
         ------
         ConfigurationError
-            If the suffix is none of ``.mp4``, ``.mkv`` and ``.webm``; and as the class.
+            As :func:`container_of`, and as the class.
 
         Examples
         --------
@@ -122,14 +140,7 @@ class VideoFormat:
         ... ).codec.value
         'vp9'
         """
-        suffix = path.suffix.lower().removeprefix(".")
-        if suffix not in list(Container):
-            known = ", ".join(f".{container}" for container in Container)
-            raise ConfigurationError(
-                f"{path}: {'.' + suffix if suffix else 'no suffix'}: "
-                f"the name of a video must end in one of {known}"
-            )
-        container = Container(suffix)
+        container = container_of(path)
         codec = codec or CODECS[container][0]
         return cls(
             container=container,

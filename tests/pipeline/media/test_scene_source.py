@@ -8,7 +8,6 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 
-import av
 import cv2
 import numpy as np
 import pytest
@@ -267,35 +266,6 @@ def test_choices_that_are_none_are_configuration_errors(write_scene, options, sa
 
 
 # other kinds of files, and what is missing
-
-
-def write_film(path, *, sound):
-    """A video of two black frames of 32×64, with a second of silence or without sound."""
-    with av.open(str(path), "w") as film:
-        picture = film.add_stream("ffv1", rate=2, width=64, height=32, pix_fmt="gray")
-        silence = film.add_stream("pcm_s16le", rate=8000, layout="mono") if sound else None
-        for _ in range(2):
-            black = av.VideoFrame.from_ndarray(np.zeros((32, 64), np.uint8), "gray")
-            film.mux(picture.encode(black))
-        film.mux(picture.encode(None))
-        if silence is not None:
-            second = av.AudioFrame.from_ndarray(np.zeros((1, 8000), np.int16), layout="mono")
-            second.sample_rate = 8000
-            film.mux(silence.encode(second))
-
-
-@pytest.mark.parametrize("sound", [True, False])
-def test_sound_that_is_not_taken_over_is_said(tmp_path, sound):
-    """Of either kind of scene with videos: both eyes in one, and one for each view."""
-    write_film(tmp_path / "both.mkv", sound=sound)
-    write_film(tmp_path / "silent.mkv", sound=False)
-    views = [{"id": "l", "color": "silent.mkv"}, {"id": "r", "color": "both.mkv"}]
-    content = {"format": "depthsr-scene/1", "views": views}
-    (tmp_path / "scene.json").write_text(json.dumps(content))
-    for scene, options in (("both.mkv", {"input_layout": "sbs"}), ("scene.json", {})):
-        with open_scene(tmp_path / scene, **options) as opened:
-            said = [text for text in opened.info.warnings if "sound" in text]
-        assert len(said) == sound
 
 
 def test_raw_video_is_a_view(write_scene):
