@@ -1,4 +1,4 @@
-"""The subcommands of the service: ``serve``, ``submit``, ``export``, ``settings``."""
+"""The subcommands of the service: ``serve``, ``settings``, and those that talk to it."""
 
 from __future__ import annotations
 
@@ -79,6 +79,45 @@ def add_serve(commands: Any) -> None:
     not_theirs = (*OURS, "view_at", "segment_length")
     add_options(export.add_argument_group("output"), OutputOptions, leave_out=not_theirs)
     export.set_defaults(command=_run_export)
+    _add_later(commands)
+
+
+def _add_later(commands: Any) -> None:
+    """Add what is done with a job that was sent before."""
+    from service.jobs.states import State
+
+    jobs = commands.add_parser(
+        "jobs",
+        help="list the jobs of a service",
+        description="List the jobs of a service, newest first: id, state, frames, name.",
+    )
+    add_server(jobs, "bearer token")
+    states = [state.value for state in State]
+    jobs.add_argument("--state", choices=states, help="only those (default: all)")
+    jobs.set_defaults(command=_run_jobs)
+
+    fetch = commands.add_parser(
+        "fetch",
+        help="wait for a job of a service, and fetch what it made",
+        description="Wait for the end of a job, and fetch what it made, as it is.",
+    )
+    fetch.add_argument("job", metavar="JOB", help="id of the job, as submit prints it")
+    add_server(fetch, "bearer token")
+    fetch.add_argument("--watch", action="store_true", help="show progress")
+    fetch.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", required=True,
+        help="where to write the video; a .zip is all that it made",
+    )  # fmt: skip
+    fetch.set_defaults(command=_run_fetch)
+
+    cancel = commands.add_parser(
+        "cancel",
+        help="stop a job of a service",
+        description="Ask a job to stop. Its finished segments stay, for a retry.",
+    )
+    cancel.add_argument("job", metavar="JOB", help="id of the job, as submit prints it")
+    add_server(cancel, "bearer token")
+    cancel.set_defaults(command=_run_cancel)
 
 
 def _add_config(parser: argparse.ArgumentParser) -> None:
@@ -187,6 +226,33 @@ def _run_export(arguments: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
+def _run_jobs(arguments: argparse.Namespace) -> int:
+    with _client(arguments) as client:
+        for job in client.jobs(state=arguments.state):
+            total = "?" if job.frames_total is None else job.frames_total
+            frames = f"{job.frames_done} of {total}"
+            sys.stdout.write(f"{job.id}  {job.state:<10}  {frames:>12}  {job.name}\n")
+    return EXIT_DONE
+
+
+def _run_fetch(arguments: argparse.Namespace) -> int:
+    with _client(arguments) as client:
+        if not _succeeds(client, arguments.job, arguments.watch):
+            return EXIT_FAILURE
+        if arguments.output.suffix.lower() == ".zip":
+            client.download_archive(arguments.job, arguments.output)
+            _say_written(arguments.output)
+        else:
+            _fetch_video(client, arguments.job, arguments.output)
+    return EXIT_DONE
+
+
+def _run_cancel(arguments: argparse.Namespace) -> int:
+    with _client(arguments) as client:
+        sys.stdout.write(f"{client.cancel(arguments.job).state}\n")
+    return EXIT_DONE
+
+
 def _client(arguments: argparse.Namespace) -> Client:
     from service.client import Client
 
@@ -208,10 +274,20 @@ def _succeeds(client: Client, job_id: str, watch: bool) -> bool:
 
 def _fetch_video(client: Client, job_id: str, target: Path) -> None:
     """Fetch the video; each of several, as of all views, under a name that ends as its own does."""
+    from service.client import ServiceError
+
     videos = [item for item in client.results(job_id) if item.media_type.startswith("video/")]
-    for result in videos:
-        own_end = result.name.partition(".")[2]
-        file = target if len(videos) == 1 else target.with_name(f"{target.stem}.{own_end}")
+    if len(videos) == 1:
+        files = {target: videos[0]}
+    else:
+        ends = (item.name.partition(".")[2] for item in videos)
+        named = (target.with_name(f"{target.stem}.{end}") for end in ends)
+        files = dict(zip(named, videos, strict=True))
+    fitting = [file for file, item in files.items() if item.name.endswith(file.suffix.lower())]
+    if not videos or len(fitting) < len(videos):
+        made = ", ".join(item.name for item in videos) or "no video"
+        raise ServiceError(f"{target}: the job has made {made}; take it as .zip, or export it")
+    for file, result in files.items():
         client.download(result, file)
         _say_written(file)
 

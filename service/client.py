@@ -39,6 +39,7 @@ class RemoteJob:
     """A job as the service tells it."""
 
     id: str
+    name: str
     state: str
     attempt: int
     frames_done: int

@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import types
 import typing
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from pipeline.job import FrameRange
 
 Container = argparse.ArgumentParser | argparse._ArgumentGroup
 
-ALIASES: dict[str, tuple[str, ...]] = {"quality": ("--crf",)}
+ALIASES: Mapping[str, tuple[str, ...]] = {"quality": ("--crf",)}
 """Further spellings of options, by field name."""
 
 
@@ -24,7 +24,7 @@ def add_options(
     kind: type,
     *,
     leave_out: Iterable[str] = (),
-    aliases: dict[str, tuple[str, ...]] = ALIASES,
+    aliases: Mapping[str, tuple[str, ...]] = ALIASES,
 ) -> None:
     """Add one option for every field of a dataclass; an option not given is not set.
 
@@ -36,7 +36,7 @@ def add_options(
         A dataclass whose fields were made by :func:`pipeline.config.setting`.
     leave_out : iterable of str
         Fields that get no option here.
-    aliases : dict
+    aliases : mapping
         Further spellings by field name.
     """
     hints = typing.get_type_hints(kind)

@@ -90,6 +90,30 @@ def test_the_command_fetches_a_form_of_a_finished_job(api, live_service, tmp_pat
     assert "container" in capsys.readouterr().err
 
 
+def test_the_commands_find_a_job_again(api, live_service, tmp_path, capsys):
+    """One that was sent without waiting for it."""
+    job = api.post("/api/v1/jobs", json={**BODY, "name": "again"}).json()["id"]
+    server = ("--server", live_service.url)
+    video, everything = tmp_path / "out.mkv", tmp_path / "all.zip"
+    assert main(["fetch", job, *server, "-o", str(video)]) == 0
+    assert main(["fetch", job, *server, "-o", str(everything)]) == 0
+    with zipfile.ZipFile(everything) as archive:
+        assert archive.read("again_3D_SBS_LR.mkv") == video.read_bytes()
+    assert main(["cancel", job, *server]) == 1
+    assert "succeeded" in capsys.readouterr().err
+    assert main(["jobs", *server, "--state", "succeeded"]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [job, "succeeded", "2", "of", "2", "again"] in rows
+    assert main(["fetch", job, *server, "-o", str(tmp_path / "out.mp4")]) == 1
+    assert "has made again_3D_SBS_LR.mkv" in capsys.readouterr().err
+    assert not (tmp_path / "out.mp4").exists()
+    unwanted = api.post("/api/v1/jobs", json=BODY).json()["id"]
+    assert main(["cancel", unwanted, *server]) == 0
+    assert capsys.readouterr().out in ("cancelled\n", "cancelling\n")
+    assert main(["fetch", unwanted, *server, "-o", str(tmp_path / "none.mkv")]) == 1
+    assert f"job {unwanted} cancelled" in capsys.readouterr().err
+
+
 def test_forms_asked_for_at_the_start_come_with_the_results(api):
     forms = [{"container": "webm", "layout": "anaglyph"}, {"container": "mp4", "layout": "tab"}]
     job = api.post("/api/v1/jobs", json={**BODY, "exports": forms}).json()["id"]
