@@ -54,6 +54,7 @@ CHROMIUM_OPTIONS = (
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--disable-gpu-watchdog",
+    "--disable-gpu-compositing",  # what WebGL draws is emulated, pages need not be: half the time
 )
 
 

@@ -271,6 +271,8 @@ def _settings(config: BusConfig, listening: Sequence[str]) -> zenoh.Config:
         "listen/endpoints": list(listening),
         "connect/endpoints": list(config.connect),
         "scouting/multicast/enabled": False,
+        # the time that a router gives others to be found: those that it connects to, or nobody
+        "scouting/delay": None if config.connect else 0,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/rx/max_message_size": config.max_message,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -106,8 +107,12 @@ class AssessorPage:
 
     def press_main(self) -> None:
         """Press the button that leads on, and wait until the page has taken it."""
+        self.lead_on(lambda button: button.click())
+
+    def lead_on(self, press: Callable[[Any], None]) -> None:
+        """Press the button that leads on in a way of one's own, and wait likewise."""
         button = self.page.wait_for_selector("main button.main:enabled")
-        button.click()
+        press(button)
         for _ in range(PATIENCE_MS // 20):
             try:
                 if button.evaluate("(one) => !one.isConnected || one.disabled"):

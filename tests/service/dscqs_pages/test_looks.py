@@ -153,7 +153,7 @@ def test_fingers_grade_as_pointers_do(enter, make_test, operator, plan):
         points = [] if value is None else [{"x": x, "y": y}]
         fingers.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
     assert seat.page.evaluate("[scrollY, document.querySelector('main').scrollTop]") == [0, 0]
-    seat.page.touchscreen.tap(*seat.middle_of("main button.main"))
+    seat.lead_on(lambda button: button.tap())
     seat.wait_until_sent()
     assert given(votes_of(operator, test)) == [{"A": first, "B": second}]
 

@@ -159,11 +159,17 @@ def test_before_is_the_observed_picture_enlarged_bicubically(chromium, live_serv
         width, height, flat = page.evaluate(
             """() => {
               const video = window.depthsrWatch.videos.before;
-              const canvas = new OffscreenCanvas(video.videoWidth, video.videoHeight);
-              const drawing = canvas.getContext("2d");
-              drawing.drawImage(video, 0, 0);
-              const { data } = drawing.getImageData(0, 0, canvas.width, canvas.height);
-              return [canvas.width, canvas.height, Array.from(data)];
+              const { videoWidth: width, videoHeight: height } = video;
+              const gl = new OffscreenCanvas(1, 1).getContext("webgl2");
+              const texture = gl.createTexture();
+              gl.bindTexture(gl.TEXTURE_2D, texture);
+              gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, video);
+              gl.bindFramebuffer(gl.FRAMEBUFFER, gl.createFramebuffer());
+              gl.framebufferTexture2D(
+                gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
+              const data = new Uint8Array(4 * width * height);
+              gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, data);
+              return [width, height, Array.from(data)];
             }"""
         )
         observed = np.array(flat, np.uint8).reshape(height, width, 4)[:, : width // 2, :3]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from service import cli_streams
 from service.cli import main
 from service.cli_streams import WINDOW_PLAYERS
 from tests.service.streams.conftest import free_endpoint
@@ -39,7 +40,8 @@ def test_a_window_needs_a_player(capsys, monkeypatch, tmp_path):
     assert list(WINDOW_PLAYERS) == ["mpv", "ffplay"]
 
 
-def test_nobody_there_is_told_after_a_while(capsys, tiny_scene):
+def test_nobody_there_is_told_after_a_while(capsys, monkeypatch):
+    monkeypatch.setattr(cli_streams, "PATIENCE", 0.5)
     endpoint = free_endpoint()
     assert main(["subscribe", "a", "--connect", endpoint]) == 1
     assert f"zenoh at {endpoint}: Unable to connect" in capsys.readouterr().err
