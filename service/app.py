@@ -28,12 +28,16 @@ from service.http import (
     dscqs_pages,
     exports,
     health,
+    job_events,
+    job_views,
     jobs,
     pages,
     problems,
+    results,
     session,
     status,
     streams,
+    submissions,
     uploads,
     watch,
 )
@@ -52,14 +56,15 @@ from service.streams.streams import Streams
 log = logging.getLogger(__name__)
 
 ROUTERS: tuple[APIRouter, ...] = (
-    jobs.router, streams.router, uploads.router, session.router, health.router, watch.router,
-    status.router, pages.router, exports.router, archive.router,
+    submissions.router, jobs.router, job_events.router, results.router, streams.router,
+    uploads.router, session.router, health.router, watch.router, status.router, pages.router,
+    exports.router, archive.router,
     dscqs.router, dscqs_operator.router, dscqs_making.router, dscqs_pages.router,
 )  # fmt: skip
 """Every door of the service."""
 
 WITH_NULLS: tuple[Any, ...] = (
-    jobs.JobView, jobs.JobPage, streams.StreamView, streams.StreamPage, watch.WatchView,
+    job_views.JobView, job_views.JobPage, streams.StreamView, streams.StreamPage, watch.WatchView,
     dscqs_operator.Progress,
 )  # fmt: skip
 """Models whose examples have nulls, which FastAPI leaves out of its description."""

@@ -11,8 +11,9 @@ from fastapi.responses import StreamingResponse
 
 from pipeline.media.files import Outlet
 from service.http.files import add_heads
-from service.http.jobs import JobId, Reader, find_job, result_files
+from service.http.job_views import JobId, Reader, find_job
 from service.http.problems import ProblemError, responses
+from service.http.results import result_files
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"])
 

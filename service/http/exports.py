@@ -8,9 +8,16 @@ from typing import Annotated
 
 from fastapi import APIRouter, Body, Request, Response
 
-from service.http.auth import Client, require
 from service.http.files import add_heads
-from service.http.jobs import JobId, JobPage, JobView, Reader, find_job, view_of
+from service.http.job_views import (
+    JobId,
+    JobPage,
+    JobView,
+    Reader,
+    Submitter,
+    find_job,
+    view_of,
+)
 from service.http.problems import ProblemError, responses
 from service.http.quota import check_queue, check_space
 from service.jobs.request import ExportForm, export_options
@@ -47,7 +54,7 @@ def create(
     request: Request,
     response: Response,
     job_id: JobId,
-    client: Annotated[Client, require("submit")],
+    client: Submitter,
     form: Annotated[ExportForm, Body(openapi_examples=FORMS)],
 ) -> JobView:
     """Make another form of a job's result, from its lossless master."""

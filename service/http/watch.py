@@ -23,7 +23,7 @@ from starlette.requests import HTTPConnection
 
 from service.http.auth import Client, identify, require
 from service.http.files import TAGGED, Known, add_heads, matches, send_file, tag_of, unchanged
-from service.http.jobs import find_job
+from service.http.job_views import find_job
 from service.http.problems import ProblemError, responses
 from service.http.streams import find as find_stream
 from service.live.broadcast import Broadcast, Gap

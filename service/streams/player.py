@@ -22,9 +22,6 @@ from service.streams.messages import InputHeader, write_input_header
 MANIFEST_INTERVAL = 2.0
 """The manifest is sent again this often, for a service that comes later, seconds."""
 
-READ_AHEAD = 1
-"""Frames that are read before their time."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Playing:

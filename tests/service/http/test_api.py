@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import httpx
 import pytest
 
-from service.http.jobs import stream_events
+from service.http.job_events import stream_events
 from service.jobs.states import Action, State
 from service.notices import Notices
 from service.store import Store
