@@ -1,49 +1,32 @@
 """Registering all views of a frame onto its reference views (thesis chapter 2): the order of it.
 
-For each view and reference: patches (Eq. 1), their motions (Eq. 2), the landing point of
-every pixel, registration weights (Eq. 3) and verification (Eq. 4). The first reference is
-registered from scratch; the others start from what the first one taught: patches keep
-their refined depth, and views reach a second reference through the first.
+The first reference is registered from scratch; the others start from what the first one taught:
+patches keep their refined depth, and views reach a second reference through the first. Within a
+chain, a frame starts from the one before it. What is done with two views is in
+:mod:`pipeline.registration.pair`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from pipeline.frames import RegisteredView, View
-from pipeline.registration.again import (
-    Again,
-    Counts,
-    count_changes,
-    judged_again,
-    register_again,
-    renumbered,
-    stale_patches,
-    with_pixels_of,
-)
-from pipeline.registration.carried import carry_motions, carry_pixels
-from pipeline.registration.inverse import inverted
+from pipeline.frames import View
+from pipeline.registration.again import Counts, count_changes
 from pipeline.registration.method import Layout, MotionModel, RegistrationMethod
 from pipeline.registration.moved import register_moved
-from pipeline.registration.parallax import identity
+from pipeline.registration.pair import (
+    Before,
+    carried_view,
+    inverse_view,
+    landed_view,
+    register_view,
+)
 from pipeline.registration.prepare import PreparedView, prepare
 from pipeline.registration.records import Previous, Thresholds, ViewRegistration
-from pipeline.registration.strips import register_strips
-from pipeline.registration.verdict import registered_view
-from pipeline.registration.window_fits import windows_of
-from pipeline.registration.windows import (
-    LEAST_PARALLAX,
-    Landed,
-    WindowFit,
-    depth_fits,
-    land,
-    pixels_of,
-    pixels_per_nearness,
-    register_windows,
-)
+from pipeline.registration.windows import LEAST_PARALLAX, depth_fits, pixels_per_nearness
 from pipeline.threads import map_threads
 
 __all__ = [
@@ -97,191 +80,53 @@ def register_views(
     ):
         again = _register_moved if previous.has_moved else _register_again
         return again(prepared, targets, sources, method, noise, thresholds, previous)
-    first, *others = targets
-    chained = method.layout is Layout.WINDOWS and method.refine
-    wanted = list(sources)
-    if chained:
-        wanted += [target for target in others if target not in wanted]
-    found = dict(
-        zip(
-            wanted,
-            map_threads(
-                lambda source: register_view(
-                    prepared[source], prepared[first], method, noise=noise, thresholds=thresholds
-                ),
-                wanted,
-            ),
-            strict=True,
-        )
-    )
-    result = {first: [found[source] for source in sources]}
-    tasks = [(target, source) for target in others for source in sources]
-    bridges = {}
-    if chained:
-        for target in others:
-            bridges[target] = map_threads(
-                lambda target: register_view(
-                    prepared[first], prepared[target], method, noise=noise, thresholds=thresholds
-                ),
-                [target],
-            )[0]
-
-    # the coarse start of a second reference comes through the first one
-    def second(task: tuple[str, str]) -> ViewRegistration:
-        target, source = task
-        bridge = bridges.get(target)
-        if bridge is not None and source == first:
-            return bridge
-        return register_view(
-            prepared[source], prepared[target], method, noise=noise, thresholds=thresholds,
-            through=None if bridge is None or source == target else (found[source], bridge),
-        )  # fmt: skip
-
-    for (target, _), registration in zip(tasks, map_threads(second, tasks), strict=True):
-        result.setdefault(target, []).append(registration)
-    return result
+    return _register_from_scratch(prepared, targets, sources, method, noise, thresholds)
 
 
-def register_view(
-    source: PreparedView,
-    reference: PreparedView,
-    method: RegistrationMethod,
-    *,
-    noise: float,
-    thresholds: Thresholds,
-    through: tuple[ViewRegistration, ViewRegistration] | None = None,
-    before: Before | None = None,
-) -> ViewRegistration:
-    """Return one view registered onto one reference.
-
-    Parameters
-    ----------
-    through : (source onto another reference, that reference onto this one), optional
-        Where given, motions start from the composition of the two.
-    before : Before, optional
-        The same two views in the previous frame.
-    """
-    if source.view.view_id == reference.view.view_id:
-        return _onto_itself(source)
-    if method.layout is Layout.STRIPS:
-        fitted, labels, position, offset = register_strips(source, reference, method, noise)
-        return ViewRegistration(
-            registered=registered_view(source, reference, position, offset, thresholds),
-            motions=fitted, parallax=None, patch_labels=labels, offset=offset,
-        )  # fmt: skip
-    if before is not None:
-        again = register_again(
-            source, reference, before.registration, before.changed, noise, before.turn, method.model
-        )
-        if again is not None:
-            return _renewed(source, reference, again, before, method, noise, thresholds)
-    start = None if before is None else before.registration.parallax
-    fit = register_windows(source, reference, method, noise, through, start)
-    return _landed(source, reference, fit, method, noise, thresholds)
-
-
-def _landed(
-    source: PreparedView,
-    reference: PreparedView,
-    fit: WindowFit,
-    method: RegistrationMethod,
-    noise: float,
-    thresholds: Thresholds,
-) -> ViewRegistration:
-    """Return a view whose windows are fitted, each of its pixels with one of their motions."""
-    landed = land(source, reference, fit, noise, method)
-    return ViewRegistration(
-        registered=registered_view(source, reference, landed.position, landed.offset, thresholds),
-        motions=fit.fitted,
-        parallax=fit.parallax,
-        prior=fit.prior,
-        patch_labels=landed.labels,
-        offset=landed.offset,
-    )
-
-
-def _onto_itself(source: PreparedView) -> ViewRegistration:
-    height, width = source.view.luma.shape
-    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    return ViewRegistration(
-        registered=RegisteredView(
-            view_id=source.view.view_id,
-            observed=source.view.luma,
-            position=np.stack([x, y], axis=-1),
-            registration_weights=np.zeros((height, width), np.float32),
-            flags=np.zeros((height, width), np.uint8),
-            confidence=np.ones((height, width), np.float32),
-            is_reference=True,
-        ),
-        motions=None,
-        parallax=identity(),
-        patch_labels=np.zeros((height, width), np.int32),
-        offset=np.zeros((height, width), np.float32),
-    )
-
-
-# --- from the previous frame -----------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Before:
-    """Two views in the previous frame, and what has happened to them since."""
-
-    registration: ViewRegistration
-    changed: tuple[Counts, Counts]
-    """Pixels in the source and in the reference, counted."""
-    turn: int
-
-
-def _register_again(
+def _register_from_scratch(
     prepared: dict[str, PreparedView],
     targets: Sequence[str],
     sources: Sequence[str],
     method: RegistrationMethod,
     noise: float,
     thresholds: Thresholds,
-    previous: Previous,
 ) -> dict[str, list[ViewRegistration]]:
-    """Register the views of a frame onto its references, starting from the previous frame."""
-    names = list(dict.fromkeys((*targets, *sources)))
-    old = _by_views(previous, targets)
+    """Register the views of a frame; the coarse start of a second reference is by the first."""
+    first, *others = targets
+    chained = method.layout is Layout.WINDOWS and method.refine
 
-    def changes(name: str) -> Counts:
-        return count_changes(prepared[name], previous.prepared[name], noise)
-
-    changed = dict(zip(names, map_threads(changes, names), strict=True))
-
-    def before(task: tuple[str, str]) -> Before:
-        target, source = task
-        now = changed[source], changed[target]
-        return Before(
-            registration=replace(old[task], missed=None),
-            changed=_together(now, old[task].missed),
-            turn=previous.turn,
-        )
-
-    def again(task: tuple[str, str]) -> ViewRegistration:
-        target, source = task
+    def onto(
+        target: str,
+        source: str,
+        through: tuple[ViewRegistration, ViewRegistration] | None = None,
+    ) -> ViewRegistration:
         return register_view(
             prepared[source], prepared[target], method, noise=noise, thresholds=thresholds,
-            before=before(task),
+            through=through,
         )  # fmt: skip
 
-    leads = {source: _lead(prepared[source], targets, method, old) for source in sources}
-    tasks = [(target, source) for target in targets for source in sources]
-    fitted = [task for task in tasks if leads[task[1]] in (None, task[0])]
-    found = dict(zip(fitted, map_threads(again, fitted), strict=True))
+    wanted = list(dict.fromkeys((*sources, *others))) if chained else list(sources)
+    found = map_threads(lambda source: onto(first, source), wanted)
+    onto_first = dict(zip(wanted, found, strict=True))
+    bridges: dict[str, ViewRegistration] = {}
+    if chained:
+        found = map_threads(lambda target: onto(target, first), others)
+        bridges = dict(zip(others, found, strict=True))
 
-    def carried(task: tuple[str, str]) -> ViewRegistration:
+    def onto_another(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
-        lead = found[leads[source] or target, source]
-        return _carried(
-            prepared[source], prepared[target], lead, before(task), noise, thresholds
-        ) or again(task)
+        bridge = bridges.get(target)
+        if bridge is None or source == target:
+            return onto(target, source)
+        if source == first:
+            return bridge
+        return onto(target, source, (onto_first[source], bridge))
 
-    others = [task for task in tasks if task not in found]
-    found |= dict(zip(others, map_threads(carried, others), strict=True))
-    return {target: [found[target, source] for source in sources] for target in targets}
+    tasks = [(target, source) for target in others for source in sources]
+    later = dict(zip(tasks, map_threads(onto_another, tasks), strict=True))
+    return {first: [onto_first[source] for source in sources]} | {
+        target: [later[target, source] for source in sources] for target in others
+    }
 
 
 def register_some(
@@ -329,30 +174,58 @@ def register_some(
     }
 
 
-def _depth_fits(
-    prepared: Mapping[str, PreparedView],
-    old: Mapping[tuple[str, str], ViewRegistration],
+# --- from the previous frame -----------------------------------------------------------------
+
+
+def _register_again(
+    prepared: dict[str, PreparedView],
     targets: Sequence[str],
     sources: Sequence[str],
-) -> bool:
-    """Return whether depth still means to the rig what it meant in the frames before.
+    method: RegistrationMethod,
+    noise: float,
+    thresholds: Thresholds,
+    previous: Previous,
+) -> dict[str, list[ViewRegistration]]:
+    """Register the views of a frame onto its references, starting from the previous frame."""
+    names = list(dict.fromkeys((*targets, *sources)))
+    old = _by_views(previous, targets)
 
-    Depth that is normalised frame by frame, say, has another unit in each.
-    """
+    def changes(name: str) -> Counts:
+        return count_changes(prepared[name], previous.prepared[name], noise)
 
-    def onto_another(source: str) -> ViewRegistration | None:
-        found = (old.get((target, source)) for target in targets if target != source)
-        return next((one for one in found if one is not None and one.motions is not None), None)
+    changed = dict(zip(names, map_threads(changes, names), strict=True))
 
-    befores = ((source, onto_another(source)) for source in sources)
-    return all(before is None or depth_fits(prepared[source], before) for source, before in befores)
+    def before(task: tuple[str, str]) -> Before:
+        target, source = task
+        now = changed[source], changed[target]
+        return Before(
+            registration=replace(old[task], missed=None),
+            changed=_together(now, old[task].missed),
+            turn=previous.turn,
+        )
 
+    def again(task: tuple[str, str]) -> ViewRegistration:
+        target, source = task
+        return register_view(
+            prepared[source], prepared[target], method, noise=noise, thresholds=thresholds,
+            before=before(task),
+        )  # fmt: skip
 
-def _together(
-    now: tuple[Counts, Counts], before: tuple[Counts, Counts] | None
-) -> tuple[Counts, Counts]:
-    """Return how many pixels have changed now or before, in a view and in its reference."""
-    return now if before is None else (now[0] + before[0], now[1] + before[1])
+    leads = {source: _lead(prepared[source], targets, method, old) for source in sources}
+    tasks = [(target, source) for target in targets for source in sources]
+    fitted = [task for task in tasks if leads[task[1]] in (None, task[0])]
+    found = dict(zip(fitted, map_threads(again, fitted), strict=True))
+
+    def carried(task: tuple[str, str]) -> ViewRegistration:
+        target, source = task
+        lead = found[leads[source] or target, source]
+        return carried_view(
+            prepared[source], prepared[target], lead, before(task), noise, thresholds
+        ) or again(task)
+
+    others = [task for task in tasks if task not in found]
+    found |= dict(zip(others, map_threads(carried, others), strict=True))
+    return {target: [found[target, source] for source in sources] for target in targets}
 
 
 def _register_moved(
@@ -376,7 +249,7 @@ def _register_moved(
         fit = register_moved(prepared[source], prepared[target], old[task], noise, method.model)
         if fit is None:
             return None
-        return _landed(prepared[source], prepared[target], fit, method, noise, thresholds)
+        return landed_view(prepared[source], prepared[target], fit, method, noise, thresholds)
 
     def again(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
@@ -397,9 +270,7 @@ def _register_moved(
     if first is not None:
         lead = kept(first)
         if lead is None:
-            return register_views(
-                prepared, targets, sources, method, noise=noise, thresholds=thresholds
-            )
+            return _register_from_scratch(prepared, targets, sources, method, noise, thresholds)
         found[first] = lead
     rest = [task for task in fitted if task != first]
     found |= dict(zip(rest, map_threads(again, rest), strict=True))
@@ -409,38 +280,11 @@ def _register_moved(
         lead = found[source, target]
         if lead.parallax is not old[source, target].parallax:
             return again(task)
-        return _inverse(prepared[source], prepared[target], lead, old[task], thresholds)
+        return inverse_view(prepared[source], prepared[target], lead, old[task], thresholds)
 
     others = [task for task in tasks if task in inverses]
     found |= dict(zip(others, map_threads(inverse, others), strict=True))
     return {target: [found[target, source] for source in sources] for target in targets}
-
-
-def _inverse(
-    source: PreparedView,
-    reference: PreparedView,
-    lead: ViewRegistration,
-    rig: ViewRegistration,
-    thresholds: Thresholds,
-) -> ViewRegistration:
-    """Return a view registered onto a reference, from how that one is registered onto the view.
-
-    Parameters
-    ----------
-    lead : ViewRegistration
-        The reference onto the view.
-    rig : ViewRegistration
-        The view onto the reference in the previous frame.
-    """
-    landed = inverted(lead, reference.fine.nearness, source.fine.nearness)
-    return ViewRegistration(
-        registered=registered_view(source, reference, landed.position, landed.offset, thresholds),
-        motions=None,
-        parallax=rig.parallax,
-        prior=rig.prior,
-        patch_labels=landed.labels,
-        offset=landed.offset,
-    )
 
 
 def _by_views(
@@ -475,80 +319,27 @@ def _lead(
     return targets[int(np.argmax(moves))] if min(moves) > LEAST_PARALLAX else None
 
 
-def _carried(
-    source: PreparedView,
-    reference: PreparedView,
-    lead: ViewRegistration,
-    before: Before,
-    noise: float,
-    thresholds: Thresholds,
-) -> ViewRegistration | None:
-    """Return a registration of the previous frame with what another reference tells of a view.
+def _depth_fits(
+    prepared: Mapping[str, PreparedView],
+    old: Mapping[tuple[str, str], ViewRegistration],
+    targets: Sequence[str],
+    sources: Sequence[str],
+) -> bool:
+    """Return whether depth still means to the rig what it meant in the frames before.
 
-    None where that one was registered from scratch, or this one must be.
+    Depth that is normalised frame by frame, say, has another unit in each.
     """
-    old = before.registration
-    stale = stale_patches(source, reference, old, before.changed, noise, before.turn)
-    if (
-        stale is None or lead.fresh is None or old.motions is None or old.parallax is None
-        or old.prior is None or lead.prior is None
-    ):  # fmt: skip
-        return None
-    fresh = lead.fresh.copy()
-    fresh.flat[windows_of(old.motions).cell[stale]] = True
-    if not fresh.any():
-        return replace(with_pixels_of(old, source), fresh=fresh)
-    offset = old.prior.offset_mean - lead.prior.offset_mean
-    kept = Landed(
-        labels=old.patch_labels, position=old.registered.position, offset=old.offset
-    )  # fmt: skip
-    pixels = pixels_of(fresh, old.offset.shape)
-    landed = carry_pixels(source, lead, old.parallax, offset, kept, pixels)
-    renewed = judged_again(pixels)
-    return replace(
-        old,
-        registered=registered_view(
-            source, reference, landed.position, landed.offset, thresholds,
-            before=(old.registered, pixels, renewed),
-        ),
-        motions=carry_motions(lead, old.parallax, offset),
-        patch_labels=landed.labels,
-        offset=landed.offset,
-        renewed=renewed,
-        fresh=fresh,
-    )  # fmt: skip
+
+    def onto_another(source: str) -> ViewRegistration | None:
+        found = (old.get((target, source)) for target in targets if target != source)
+        return next((one for one in found if one is not None and one.motions is not None), None)
+
+    befores = ((source, onto_another(source)) for source in sources)
+    return all(before is None or depth_fits(prepared[source], before) for source, before in befores)
 
 
-def _renewed(
-    source: PreparedView,
-    reference: PreparedView,
-    again: Again,
-    before: Before,
-    method: RegistrationMethod,
-    noise: float,
-    thresholds: Thresholds,
-) -> ViewRegistration:
-    """Return a registration of the previous frame with the changed pixels' landing points."""
-    old = before.registration
-    if not again.fitted.any():
-        return replace(with_pixels_of(old, source), fresh=again.fresh)
-    kept = Landed(
-        labels=renumbered(old.patch_labels, again.kept), position=old.registered.position,
-        offset=old.offset,
-    )  # fmt: skip
-    landed = land(source, reference, again.fit, noise, method, before=(kept, again.fresh))
-    pixels = pixels_of(again.fresh, old.offset.shape)
-    renewed = judged_again(pixels)
-    return ViewRegistration(
-        registered=registered_view(
-            source, reference, landed.position, landed.offset, thresholds,
-            before=(old.registered, pixels, renewed),
-        ),
-        motions=again.fit.fitted,
-        parallax=again.fit.parallax,
-        prior=again.fit.prior,
-        patch_labels=landed.labels,
-        offset=landed.offset,
-        renewed=renewed,
-        fresh=again.fresh,
-    )  # fmt: skip
+def _together(
+    now: tuple[Counts, Counts], before: tuple[Counts, Counts] | None
+) -> tuple[Counts, Counts]:
+    """Return how many pixels have changed now or before, in a view and in its reference."""
+    return now if before is None else (now[0] + before[0], now[1] + before[1])
