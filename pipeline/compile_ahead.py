@@ -10,6 +10,8 @@ from dataclasses import replace
 
 from pipeline.config import REGISTRATION_PRESETS, Settings, Solver
 from pipeline.frames import MultiViewFrame, Place, View
+from pipeline.media.coded import coded
+from pipeline.media.ycbcr import YcbcrMatrix
 from pipeline.registration.inverse import inverted
 from pipeline.registration.method import METHODS
 from pipeline.registration.register import Thresholds, prepare_views, register_view
@@ -59,7 +61,11 @@ def compile_kernels(on_step: Callable[[str], None] = lambda _: None) -> int:
     _invert_a_motion(frame)
     on_step("a stream, a view between")
     _do_stream(scene)
-    return len(kinds) + 4
+    on_step("a video in real time")
+    view = frame.view(frame.left)
+    assert view.chroma is not None  # it was asked for
+    coded(view.luma, view.chroma, YcbcrMatrix.BT709)
+    return len(kinds) + 5
 
 
 def _invert_a_motion(frame: MultiViewFrame) -> None:

@@ -34,12 +34,15 @@ from pipeline.media.info import Sound
 from pipeline.media.matroska import set_eye_shape
 from pipeline.media.sound import SoundCopy, holds_sound
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
-from pipeline.media.ycbcr import YcbcrMatrix, matrix_for, to_yuv420
+from pipeline.media.ycbcr import YcbcrMatrix, Yuv420, matrix_for, to_yuv420
 from pipeline.stereo import Picture, StereoLayout, pack, pad_to_multiple
 
 Eyes = tuple[Picture, Picture] | tuple[Picture]
 """(left, right), or the one picture of layouts ``left``, ``right`` and ``views``;
 (H, W, 3) RGB or (H, W) grey, uint8 or uint16, full range."""
+
+CodedEyes = tuple[Yuv420, ...]
+"""The same as they are coded, for layouts that leave the pixels of an eye as they are."""
 
 KEYFRAME_INTERVAL = 32
 """Frames from one keyframe to the next at most, for seeking; segments start with one anyway."""
@@ -115,7 +118,7 @@ class SegmentInfo:
 
 
 def write_segment(
-    path: Path, video_format: VideoFormat, frames: Iterable[Eyes], *, first_frame: int
+    path: Path, video_format: VideoFormat, frames: Iterable[Eyes | CodedEyes], *, first_frame: int
 ) -> int:
     """Encode frames into a file of their own, whole or not at all; return how many there were.
 
@@ -257,19 +260,21 @@ class _Pixels:
     matrix: YcbcrMatrix | None
     """None where samples go in as they are."""
 
-    def frame(self, picture: Picture) -> av.VideoFrame:
+    def frame(self, picture: Picture | Yuv420) -> av.VideoFrame:
         """Return the picture as a frame of the encoder's pixel format."""
+        if isinstance(picture, Yuv420):
+            return self._planar(picture.planes)
         if self.matrix is not None:
-            planes = to_yuv420(picture, self.matrix, coded_bits=self.coded_bits)
-            height, width = planes[0].shape
-            stacked = np.concatenate([plane.ravel() for plane in planes])
-            return av.VideoFrame.from_ndarray(
-                stacked.reshape(height * 3 // 2, width), format=self.name
-            )
+            return self._planar(to_yuv420(picture, self.matrix, coded_bits=self.coded_bits))
         if self.name == "bgr0":
             # Same samples in another order; nothing is computed.
             return av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format="bgr0")
         return av.VideoFrame.from_ndarray(picture, format=self.name)
+
+    def _planar(self, planes: Sequence[npt.NDArray]) -> av.VideoFrame:
+        height, width = planes[0].shape
+        stacked = np.concatenate([plane.ravel() for plane in planes])
+        return av.VideoFrame.from_ndarray(stacked.reshape(height * 3 // 2, width), format=self.name)
 
 
 class _SegmentEncoder:
@@ -286,16 +291,16 @@ class _SegmentEncoder:
         self._stream: Any = None
         self._pixels: _Pixels | None = None
         self._like: tuple[tuple[int, ...], np.dtype] | None = None
-        self._eyes: tuple[Picture, ...] = ()
+        self._eyes: Sequence[Picture | Yuv420] = ()
         self._frame: Any = None
         self._num_frames = 0
 
-    def add(self, eyes: Eyes) -> None:
+    def add(self, eyes: Eyes | CodedEyes) -> None:
         if len(self._eyes) == len(eyes) and all(map(operator.is_, self._eyes, eyes)):
             self._encode()  # the same picture again
             return
         self._eyes = eyes
-        picture = np.ascontiguousarray(_picture(eyes, self._format))
+        picture = _picture(eyes, self._format)
         like = (picture.shape, picture.dtype)
         if self._like is None:
             check_size(self._path, self._format, eyes[0].shape[:2], len(eyes))
@@ -342,7 +347,7 @@ class _SegmentEncoder:
         assert self._like is not None
         return _libav_errors(self._path, f"{self._format.codec}, {_describe(*self._like)}")
 
-    def _open(self, picture: Picture) -> None:
+    def _open(self, picture: Picture | Yuv420) -> None:
         codec, fmt = self._format.codec, self._format
         encoder, options = _ENCODERS[codec]
         if codec is VideoCodec.AV1:
@@ -456,28 +461,44 @@ def _threads() -> set[int]:
     return {int(name) for name in os.listdir("/proc/self/task")}
 
 
-def _picture(eyes: Eyes, video_format: VideoFormat) -> Picture:
+def _picture(eyes: Eyes | CodedEyes, video_format: VideoFormat) -> Picture | Yuv420:
     """Return what is encoded for one frame, padded where 4:2:0 video needs even sizes."""
     multiple = 1 if video_format.lossless else 2
     layout = video_format.layout
+    if isinstance(eyes[0], Yuv420):
+        return _packed(eyes, layout)
     if len(eyes) == 2:
-        return pack(*eyes, layout, multiple=multiple)
+        return np.ascontiguousarray(pack(*eyes, layout, multiple=multiple))
     if layout.packed or layout is StereoLayout.ANAGLYPH:
         raise OutputError(f"layout {layout.value!r} takes two eyes, there is only one")
-    return pad_to_multiple(eyes[0], multiple, multiple)
+    return np.ascontiguousarray(pad_to_multiple(eyes[0], multiple, multiple))
 
 
-def _pixels_for(picture: Picture, video_format: VideoFormat) -> _Pixels:
+def _packed(eyes: Sequence[Any], layout: StereoLayout) -> Yuv420:
+    """Return what one or two eyes are coded from as one picture."""
+    if len(eyes) == 1:
+        return eyes[0]
+    luma, blue_difference, red_difference = (
+        pack(left, right, layout) for left, right in zip(*(eye.planes for eye in eyes), strict=True)
+    )
+    return Yuv420(
+        luma=luma, blue_difference=blue_difference, red_difference=red_difference,
+        matrix=eyes[0].matrix,
+    )  # fmt: skip
+
+
+def _pixels_for(picture: Picture | Yuv420, video_format: VideoFormat) -> _Pixels:
     source_bits = 8 * picture.dtype.itemsize
     coded_bits = video_format.coded_bits(source_bits)
     if video_format.lossless:
-        name = _LOSSLESS_PIXELS[source_bits, picture.ndim == 2]
+        name = _LOSSLESS_PIXELS[source_bits, len(picture.shape) == 2]
         return _Pixels(name=name, coded_bits=coded_bits, matrix=None)
     name = "yuv420p" if coded_bits == 8 else "yuv420p10le"
-    return _Pixels(name=name, coded_bits=coded_bits, matrix=matrix_for(picture.shape[0]))
+    matrix = picture.matrix if isinstance(picture, Yuv420) else matrix_for(picture.shape[0])
+    return _Pixels(name=name, coded_bits=coded_bits, matrix=matrix)
 
 
-def _quality_options(video_format: VideoFormat, picture: Picture) -> dict[str, str]:
+def _quality_options(video_format: VideoFormat, picture: Picture | Yuv420) -> dict[str, str]:
     if video_format.lossless:
         # Slices are coded in parallel; a line of single samples cannot be cut.
         return {"slices": "4" if min(picture.shape[:2]) >= MIN_SLICED_SIZE else "1"}

@@ -5,20 +5,27 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from pipeline.colour import to_grey, to_rgb
 from pipeline.fan_out import fan_out
 from pipeline.job import Segment
+from pipeline.media.coded import coded
 from pipeline.media.encode import Eyes, check_size, join_segments, takes_sound, write_segment
 from pipeline.media.files import check_writable, remove_leftovers
 from pipeline.media.png import png_path, write_png
 from pipeline.media.video_format import VideoCodec, VideoFormat, video_paths
+from pipeline.media.ycbcr import Yuv420, matrix_for
 from pipeline.results import FrameResult, SuperResolvedImage
 from pipeline.sink import OutputPlan
 from pipeline.stereo import Picture, StereoLayout
 
-Pictures = dict[str, Picture]
-"""The pictures of one frame by view id."""
+Pictures = dict[str, Any]
+"""The pictures of one frame by view id: a :class:`Picture`, or a :class:`Yuv420`, each."""
+
+
+UNCHANGED = (StereoLayout.SBS, StereoLayout.TAB, StereoLayout.LEFT, StereoLayout.RIGHT)
+"""Layouts that take the pixels of an eye as they are."""
 
 
 class MediaSink:
@@ -150,7 +157,25 @@ class MediaSink:
             timings["png"] += written - packed
             yield pictures
 
-    def _picture(self, image: SuperResolvedImage) -> Picture:
+    @property
+    def _is_coded(self) -> bool:
+        """Whether nothing but a video is made of the pictures, at the pace of a live stream."""
+        plan = self.plan
+        return (
+            plan.is_realtime
+            and plan.bit_depth == 8
+            and plan.options.frames_dir is None
+            and self._format is not None
+            and not self._format.lossless
+            and self._layout in UNCHANGED
+        )
+
+    def _picture(self, image: SuperResolvedImage) -> Picture | Yuv420:
+        if self._is_coded and image.chroma is not None:
+            height = image.luma.shape[0]
+            height += height % 2  # as it is coded
+            eyes = 2 if self._layout is StereoLayout.TAB else 1
+            return coded(image.luma, image.chroma, matrix_for(eyes * height))
         if image.chroma is None:
             return to_grey(image.luma, self.plan.bit_depth)
         return to_rgb(image.luma, image.chroma, self.plan.bit_depth)

@@ -38,6 +38,34 @@ class YcbcrMatrix(Enum):
     """ITU-R BT.709, for high definition."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Yuv420:
+    """A colour picture as limited-range Y'CbCr 4:2:0 planes of 8 bits."""
+
+    luma: npt.NDArray[np.uint8]
+    """(H, W)."""
+    blue_difference: npt.NDArray[np.uint8]
+    """(H/2, W/2)."""
+    red_difference: npt.NDArray[np.uint8]
+    """(H/2, W/2)."""
+    matrix: YcbcrMatrix
+
+    @property
+    def planes(self) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
+        """All three."""
+        return self.luma, self.blue_difference, self.red_difference
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """That of the picture in RGB."""
+        return (*self.luma.shape, 3)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """That of the samples."""
+        return self.luma.dtype
+
+
 def matrix_for(height: int) -> YcbcrMatrix:
     """Return the matrix that goes with a picture of this many lines."""
     return YcbcrMatrix.BT709 if height >= HD_LINES else YcbcrMatrix.BT601
@@ -76,7 +104,7 @@ def to_yuv420(
         luma = np.rint(levels).astype(coded_type)[picture]
         neutral = np.full((luma.shape[0] // 2, luma.shape[1] // 2), 128 * scale, coded_type)
         return luma, neutral, neutral
-    to_ycbcr = _ycbcr_matrix(matrix.value) * (scale / full)
+    to_ycbcr = ycbcr_of_rgb(matrix) * (scale / full)
     offset = np.array([[16.0], [128.0], [128.0]]) * scale
     ycbcr = cv2.transform(picture, np.hstack([to_ycbcr, offset]).astype(np.float32))
     luma, *chroma = cv2.split(ycbcr.astype(coded_type, copy=False))
@@ -84,8 +112,9 @@ def to_yuv420(
     return luma, blue_difference, red_difference
 
 
-def _ycbcr_matrix(weights: LumaWeights) -> npt.NDArray[np.float64]:
+def ycbcr_of_rgb(matrix: YcbcrMatrix) -> npt.NDArray[np.float64]:
     """Return the (3, 3) matrix from RGB 0..1 to Y 0..219 and Cb, Cr −112..112."""
+    weights = matrix.value
     luma = np.array([weights.red, 1 - weights.red - weights.blue, weights.blue])
     blue_difference = (np.array([0.0, 0.0, 1.0]) - luma) / (2 * (1 - weights.blue))
     red_difference = (np.array([1.0, 0.0, 0.0]) - luma) / (2 * (1 - weights.red))

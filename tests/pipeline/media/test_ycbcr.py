@@ -3,6 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pipeline.colour import Picture, picture_from_rgb
+from pipeline.colour import to_rgb as rgb_of
+from pipeline.media.coded import coded
 from pipeline.media.ycbcr import YcbcrMatrix, matrix_for, to_yuv420
 
 COLOURS = np.array(
@@ -97,3 +100,57 @@ def test_chroma_sits_on_even_columns_and_between_rows():
 def test_the_matrix_goes_by_the_number_of_lines():
     assert matrix_for(719) is YcbcrMatrix.BT601
     assert matrix_for(720) is YcbcrMatrix.BT709
+
+
+def held(rgb: np.ndarray) -> Picture:
+    """Return a picture as the pipeline holds it, with what super-resolution leaves unrounded."""
+    picture = picture_from_rgb(rgb.astype(np.uint8), 255.0)
+    rng = np.random.default_rng(3)
+    return Picture(
+        luma=picture.luma + rng.uniform(-0.4, 0.4, picture.luma.shape).astype(np.float32),
+        chroma=picture.chroma + rng.uniform(-0.4, 0.4, picture.chroma.shape).astype(np.float32),
+    )
+
+
+@pytest.mark.parametrize("matrix", list(YcbcrMatrix))
+def test_without_rgb_between_planes_differ_by_its_roundings(matrix):
+    rows, columns = np.mgrid[:38, :66]
+    waves = [np.sin(columns / 5), np.cos(rows / 7), np.sin((rows - columns) / 9)]
+    picture = held(128 + 90 * np.stack(waves, axis=-1))
+    direct = coded(picture.luma, picture.chroma, matrix)
+    assert (direct.shape, direct.matrix) == ((38, 66, 3), matrix)
+    by_rgb = to_yuv420(rgb_of(picture.luma, picture.chroma, 8), matrix, coded_bits=8)
+    for ours, theirs in zip(direct.planes, by_rgb, strict=True):
+        difference = np.abs(ours.astype(int) - theirs)
+        assert difference.max() == 1
+        assert difference.mean() < 0.25
+
+
+@pytest.mark.parametrize("matrix", list(YcbcrMatrix))
+def test_without_rgb_between_the_primaries_are_those_of_the_standard(matrix):
+    for index, expected in PRIMARIES[matrix].items():
+        picture = picture_from_rgb(patch(COLOURS[index]), 255.0)
+        found = [int(plane[1, 2]) for plane in coded(picture.luma, picture.chroma, matrix).planes]
+        assert np.abs(np.subtract(found, expected)).max() <= 1, (index, found)
+
+
+@pytest.mark.parametrize("matrix", list(YcbcrMatrix))
+def test_colours_outside_rgb_are_shown_as_rgb_clips_them(matrix):
+    luma, chroma = np.full((4, 6), 200, np.float32), np.full((4, 6, 2), (128, 220), np.float32)
+    code = np.array([plane[1, 2] for plane in coded(luma, chroma, matrix).planes], float)
+    shown = np.clip(to_rgb(code, matrix, 8), 0, 255)
+    np.testing.assert_allclose(shown, rgb_of(luma, chroma, 8)[1, 2], atol=2)
+
+
+def test_an_odd_last_row_and_column_is_coded_twice():
+    picture = held(np.arange(5 * 7 * 3).reshape(5, 7, 3))
+    odd = coded(picture.luma, picture.chroma, YcbcrMatrix.BT601)
+    assert odd.shape == (6, 8, 3)
+    wide = ((0, 1), (0, 1))
+    even = coded(
+        np.pad(picture.luma, wide, "edge"),
+        np.pad(picture.chroma, (*wide, (0, 0)), "edge"),
+        YcbcrMatrix.BT601,
+    )
+    for ours, theirs in zip(odd.planes, even.planes, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
