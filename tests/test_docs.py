@@ -314,7 +314,7 @@ def test_files_of_the_equation_index_cite_the_equation(numbers, names):
 
 @pytest.mark.parametrize("index", range(2))
 def test_manifests_in_the_documents_are_read(index, tmp_path):
-    from pipeline.media.scene import read_manifest
+    from pipeline.media.manifest import read_manifest
 
     manifests = [block for block in _blocks(_text("docs/scene.md"), "json") if '"format"' in block]
     (tmp_path / "scene.json").write_text(manifests[index], encoding="utf-8")
@@ -323,7 +323,7 @@ def test_manifests_in_the_documents_are_read(index, tmp_path):
 
 def _known_keys(manifest: dict, tmp_path: Path) -> list[str]:
     """Return the keys that the reader knows where it has found an unknown one."""
-    from pipeline.media.scene import read_manifest
+    from pipeline.media.manifest import read_manifest
 
     (tmp_path / "scene.json").write_text(json.dumps(manifest), encoding="utf-8")
     with pytest.raises(SceneError, match="unknown key 'bogus'") as caught:

@@ -22,16 +22,15 @@ from pipeline.errors import ConfigurationError, SceneError
 from pipeline.frames import Calibration
 from pipeline.media.decode import VideoReader
 from pipeline.media.images import IMAGE_SUFFIXES, ImageHeader, read_header
+from pipeline.media.manifest import MANIFEST_NAME, read_manifest
 from pipeline.media.scene import (
-    MANIFEST_NAME,
     DepthEncoding,
     DepthKind,
     ImageFiles,
     PackedEye,
+    PackedLayout,
     SceneDescription,
-    StereoLayout,
     ViewDescription,
-    read_manifest,
 )
 
 MSR_FPS = Fraction(15)
@@ -59,7 +58,7 @@ def describe_path(path: Path, input_layout: str | None = None) -> SceneDescripti
         A folder with or without a manifest, a manifest, or a stereo video file.
     input_layout : str or None
         How a video file's views are packed, where it does not say: one of
-        :class:`StereoLayout`.
+        :class:`PackedLayout`.
 
     Raises
     ------
@@ -68,9 +67,9 @@ def describe_path(path: Path, input_layout: str | None = None) -> SceneDescripti
     ConfigurationError
         If ``input_layout`` is no layout, or the path is no video file.
     """
-    if input_layout is not None and input_layout not in list(StereoLayout):
+    if input_layout is not None and input_layout not in list(PackedLayout):
         raise ConfigurationError(
-            f"--input-layout: {input_layout!r} is not one of {', '.join(StereoLayout)}"
+            f"--input-layout: {input_layout!r} is not one of {', '.join(PackedLayout)}"
         )
     if not path.exists():
         raise SceneError("there is no such file or folder", path=path)
@@ -416,20 +415,20 @@ def describe_stereo_video(path: Path, input_layout: str | None = None) -> SceneD
     notes: list[str] = []
     right_first = tag is not None and tag.right_first
     if input_layout is not None:
-        layout = StereoLayout(input_layout)
+        layout = PackedLayout(input_layout)
     else:
         named, named_half = _layout_in_name(path.stem)
         arrangement = tag.arrangement if tag is not None else named
         if arrangement is None:
             raise SceneError(
                 "does not say how its views are packed; say it with --input-layout "
-                f"({', '.join(StereoLayout)})",
+                f"({', '.join(PackedLayout)})",
                 path=path,
             )
         half, because = named_half, "name"
         if half is None:
             half, because = _looks_half(arrangement, width, height, aspect)
-        layout = StereoLayout(f"half-{arrangement}" if half else arrangement)
+        layout = PackedLayout(f"half-{arrangement}" if half else arrangement)
         origin = tag.origin if tag is not None else "file name"
         notes.append(
             f"read as {layout.value}: {arrangement} by the {origin}, "

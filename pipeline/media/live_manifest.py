@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import SceneError
-from pipeline.media.scene import SceneDescription, manifest_of, parse_manifest, read_json
+from pipeline.media.manifest import manifest_of, parse_manifest, read_json
+from pipeline.media.scene import SceneDescription
 
 NAME = Path("manifest")
 """What errors call it."""

@@ -15,19 +15,17 @@ from hypothesis import strategies as st
 
 from pipeline.errors import SceneError
 from pipeline.frames import Calibration
+from pipeline.media.manifest import manifest_of, read_manifest, write_manifest
 from pipeline.media.scene import (
     DepthEncoding,
     DepthKind,
     ImageFiles,
     PackedEye,
+    PackedLayout,
     RawVideo,
     SceneDescription,
-    StereoLayout,
     VideoFile,
     ViewDescription,
-    manifest_of,
-    read_manifest,
-    write_manifest,
 )
 from pipeline.media.yuv import Matrix, Range
 
@@ -152,7 +150,7 @@ def test_what_a_manifest_cannot_say_is_not_written(tmp_path):
     eyes = tuple(
         ViewDescription(
             view_id=name,
-            color=PackedEye(path="a.mkv", layout=StereoLayout.SIDE_BY_SIDE, second=second),
+            color=PackedEye(path="a.mkv", layout=PackedLayout.SIDE_BY_SIDE, second=second),
         )
         for name, second in (("left", False), ("right", True))
     )
