@@ -27,9 +27,11 @@ function operationItem(path, method, operation, refs) {
   const answers = Object.entries(operation.responses).map(([status, item]) => element("tr", {},
     element("td", {}, status), element("td", { colspan: 2 }, item.description)));
   const body = operation.requestBody?.content ?? {};
+  const [what, ...more] = (operation.description ?? "").replaceAll("``", "").split("\n\n");
   const details = element("details", { class: "panel" },
-    element("summary", {}, element("strong", {}, method.toUpperCase()), " ", element("code", {}, path)),
-    element("p", {}, operation.description ?? operation.summary ?? ""));
+    element("summary", {}, element("strong", {}, method.toUpperCase()), " ", element("code", {}, path),
+      " ", element("span", { class: "soft" }, what)),
+    ...more.map((text) => element("p", {}, text)));
   for (const [type, item] of Object.entries(body)) {
     const name = nameOf(item.schema);
     details.append(element("p", {}, `Body: ${type} `, name ? element("code", {}, name) : ""));

@@ -420,7 +420,9 @@ def test_the_interface_is_shown_with_every_example(chromium, live_service):
     with opened(chromium, f"{live_service.url}/api/docs") as page:
         export = "GET /dscqs/api/operator/tests/{test}/export"
         panel = page.locator("details.panel").filter(has_text=export)
-        panel.locator("summary").first.click()
+        head = panel.locator("summary").first
+        assert "Return the votes (csv, sujson, sureal)" in head.inner_text()
+        head.click()
         titles = panel.locator("summary", has_text="Example of").all_inner_texts()
         assert titles == [
             "Example of 200, text/csv",
