@@ -27,7 +27,7 @@ from service.http.job_views import JobView, Reader, Submitter, view_of
 from service.http.problems import ProblemError, responses, wrong_fields
 from service.http.quota import check_queue, check_space, note_size
 from service.jobs.pictures import too_large
-from service.jobs.request import JobRequest, export_options, make_job, safe_name
+from service.jobs.request import JobRequest, export_options, make_job, safe_name, without_layout
 from service.scheduler import job_folder
 from service.store import JobRecord, KeyReusedError
 
@@ -283,7 +283,7 @@ def _under_a_root(scene: str | None, roots: tuple[Path, ...]) -> Path:
 def _stem(asked: JobRequest, scene: Path, folder: Path) -> str:
     """Return what the job's files are called: of plain letters, as its own name or its scene."""
     of = scene.parent if scene.name == "scene.json" else scene
-    name = asked.name or ("scene" if of == folder / "input" else of.stem)
+    name = without_layout(asked.name or ("scene" if of == folder / "input" else of.stem))
     kept = "".join(c if (c.isalnum() and c.isascii()) or c in "-_" else "-" for c in name)[:60]
     return kept.strip("-") or "scene"
 

@@ -26,6 +26,11 @@ CONTAINERS = ("mkv", "mp4", "webm")
 OURS_OF_OUTPUT = ("container", "video", "frames", "master")
 """Fields of the output that stand for those of :class:`pipeline.job.OutputOptions` left out."""
 
+_LAYOUT_WORDS = re.compile(
+    r"(?:[-_. ]+(?:3d|half|h|[fh]?sbs|[fh]?tab|lr|rl|h?ou|tb)(?![a-z0-9]))+", re.IGNORECASE
+)
+_TELLING_WORD = re.compile(r"3d|sbs|tab", re.IGNORECASE)
+
 MAX_NAME = 200
 """Longest name of an uploaded file, characters."""
 
@@ -190,6 +195,15 @@ def file_name(name: str, layout: str, container: str) -> str:
     'clip_3D_HSBS_LR.mp4'
     """
     return f"{name}{layout_token(layout)}.{container}"
+
+
+def without_layout(name: str) -> str:
+    """Return a name without what players recognise a layout by: they would believe the first.
+
+    >>> without_layout("clip_3D_SBS_LR"), without_layout("a.hsbs.final"), without_layout("a_LR")
+    ('clip', 'a.final', 'a_LR')
+    """
+    return _LAYOUT_WORDS.sub(lambda words: "" if _TELLING_WORD.search(words[0]) else words[0], name)
 
 
 def layout_token(layout: str) -> str:

@@ -54,6 +54,7 @@ function showFacts(job) {
       for (const [key, inner] of Object.entries(value)) walk(inner, key);
       return undefined;
     }
+    if (name === "frames" && typeof value === "boolean") name = "PNG"; // beside those of the input
     return facts.push([name, Array.isArray(value) ? value.map(plain).join(", ") : plain(value)]);
   };
   walk(job.request, "request");

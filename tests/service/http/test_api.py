@@ -138,6 +138,7 @@ def test_multipart_upload_is_a_job(api, tiny_scene):
     ("files", "said", "name"),
     [
         (["clip.mp4"], {}, "clip"),
+        (["clip_3D_SBS_LR.mp4"], {}, "clip"),
         (["im2.png", "im6.png"], {}, "scene"),
         (["scene.json", "left.png"], {}, "scene"),
         (["hall/scene.json", "hall/left.png"], {}, "hall"),

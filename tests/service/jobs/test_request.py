@@ -18,8 +18,10 @@ from service.jobs.request import (
     JobRequest,
     OutputModel,
     SettingsModel,
+    file_name,
     make_job,
     safe_name,
+    without_layout,
 )
 
 
@@ -90,6 +92,23 @@ def test_what_is_not_in_the_table_is_refused(body):
 def test_what_contradicts_itself_is_refused(body, tmp_path):
     with pytest.raises(ConfigurationError):
         make_job(JobRequest.model_validate(body), tmp_path, tmp_path)
+
+
+PACKED = ("sbs", "half-sbs", "tab", "half-tab")
+
+
+@pytest.mark.parametrize("old", PACKED)
+@pytest.mark.parametrize("layout", PACKED)
+def test_a_name_tells_one_layout(old, layout):
+    """Players believe the first that they find."""
+    told = Path(file_name("a-clip", old, "mp4")).stem
+    assert without_layout(told) == without_layout(told.lower().replace("_", ".")) == "a-clip"
+    assert file_name(without_layout(told), layout, "mkv") == file_name("a-clip", layout, "mkv")
+
+
+@pytest.mark.parametrize("name", ["cam_LR", "half_time", "table", "sbs", "a_3dx", "ou"])
+def test_what_is_no_layout_stays_in_a_name(name):
+    assert without_layout(name) == name
 
 
 @given(st.text(max_size=40) | st.from_regex(r"(\.\.?|/|\\|a|C:|\x00| )+", fullmatch=True))
