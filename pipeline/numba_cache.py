@@ -14,22 +14,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import MutableMapping
-from dataclasses import dataclass
 from pathlib import Path
-
-
-@dataclass(frozen=True, kw_only=True)
-class NumbaCache:
-    """The folder that holds the compiled kernels."""
-
-    folder: Path
-    kept: bool = True
-    """False where only a temporary folder could be had: it may not outlive this day."""
-
-    @property
-    def is_empty(self) -> bool:
-        """True where nothing has been compiled yet."""
-        return not self.folder.is_dir() or next(self.folder.rglob("*.nbi"), None) is None
 
 
 def user_folder(environment: MutableMapping[str, str]) -> Path:
@@ -40,8 +25,8 @@ def user_folder(environment: MutableMapping[str, str]) -> Path:
     return base / "depthsr" / "numba"
 
 
-def prepare_numba_cache(environment: MutableMapping[str, str] = os.environ) -> NumbaCache:
-    """Point numba at the cache folder; a ``NUMBA_CACHE_DIR`` that is set stays.
+def prepare_numba_cache(environment: MutableMapping[str, str] = os.environ) -> Path:
+    """Point numba at the cache folder, and return it; a ``NUMBA_CACHE_DIR`` that is set stays.
 
     In this order: ``DEPTHSR_CACHE``/numba where it can be written, the user's
     cache folder, a temporary folder. What a read-only ``DEPTHSR_CACHE`` holds is
@@ -49,31 +34,32 @@ def prepare_numba_cache(environment: MutableMapping[str, str] = os.environ) -> N
     """
     chosen = environment.get("NUMBA_CACHE_DIR")
     if chosen:
-        return NumbaCache(folder=Path(chosen))
+        return Path(chosen)
     own = environment.get("DEPTHSR_CACHE")
     built_ahead = Path(own) / "numba" if own else None
     if built_ahead is not None and _can_write(built_ahead):
-        cache = NumbaCache(folder=built_ahead)
+        folder = built_ahead
     else:
-        cache = _user_cache(environment)
+        folder = _user_cache(environment)
         if built_ahead is not None:
-            _copy_missing(built_ahead, cache.folder)
-    environment["NUMBA_CACHE_DIR"] = str(cache.folder)
+            _copy_missing(built_ahead, folder)
+    environment["NUMBA_CACHE_DIR"] = str(folder)
     if environment is os.environ and "numba" in sys.modules:
         # Too late for the variable: tell the module, which has read it already.
-        sys.modules["numba"].config.CACHE_DIR = str(cache.folder)
-    return cache
+        sys.modules["numba"].config.CACHE_DIR = str(folder)
+    return folder
 
 
-def _user_cache(environment: MutableMapping[str, str]) -> NumbaCache:
+def _user_cache(environment: MutableMapping[str, str]) -> Path:
+    """Return the user's own folder, or a temporary one where that cannot be written."""
     folder = user_folder(environment)
     if _can_write(folder):
-        return NumbaCache(folder=folder)
+        return folder
     name = f"depthsr-numba-{os.getuid()}" if hasattr(os, "getuid") else "depthsr-numba"
     folder = Path(tempfile.gettempdir()) / name
     if not _can_write(folder) or not _is_ours(folder):
         folder = Path(tempfile.mkdtemp(prefix="depthsr-numba-"))
-    return NumbaCache(folder=folder, kept=False)
+    return folder
 
 
 def _can_write(folder: Path) -> bool:

@@ -15,7 +15,7 @@ from tests.support.waiting import PATIENCE
 
 def test_a_folder_that_is_set_stays(tmp_path):
     environment = {"NUMBA_CACHE_DIR": str(tmp_path / "mine"), "DEPTHSR_CACHE": str(tmp_path)}
-    assert prepare_numba_cache(environment).folder == tmp_path / "mine"
+    assert prepare_numba_cache(environment) == tmp_path / "mine"
     assert environment["NUMBA_CACHE_DIR"] == str(tmp_path / "mine")
 
 
@@ -29,22 +29,20 @@ def test_a_folder_that_is_set_stays(tmp_path):
 )
 def test_folder_follows_the_environment(tmp_path, variable, below):
     environment = {variable: str(tmp_path)}
-    cache = prepare_numba_cache(environment)
-    assert cache.folder == tmp_path / below
+    folder = prepare_numba_cache(environment)
+    assert folder == tmp_path / below
     assert environment["NUMBA_CACHE_DIR"] == str(tmp_path / below)
-    assert cache.folder.is_dir()
-    assert cache.kept
-    assert cache.is_empty
+    assert folder.is_dir()
+    assert list(folder.iterdir()) == []
 
 
 def test_where_nothing_can_be_written_a_temporary_folder_serves(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
-    cache = prepare_numba_cache({"HOME": str(tmp_path / "file")})
-    assert cache.folder.parent == tmp_path / "tmp"
-    assert not cache.kept
-    assert not cache.folder.stat().st_mode & 0o077
+    folder = prepare_numba_cache({"HOME": str(tmp_path / "file")})
+    assert folder.parent == tmp_path / "tmp"
+    assert not folder.stat().st_mode & 0o077
 
 
 def test_a_temporary_folder_of_somebody_else_is_not_trusted(tmp_path, monkeypatch):
@@ -53,7 +51,7 @@ def test_a_temporary_folder_of_somebody_else_is_not_trusted(tmp_path, monkeypatc
     open_to_all = tmp_path / f"depthsr-numba-{os.getuid()}"
     open_to_all.mkdir()
     open_to_all.chmod(0o777)
-    assert prepare_numba_cache({"HOME": str(tmp_path / "file")}).folder != open_to_all
+    assert prepare_numba_cache({"HOME": str(tmp_path / "file")}) != open_to_all
 
 
 def test_what_a_read_only_installation_holds_is_taken_along(tmp_path, monkeypatch):
@@ -68,10 +66,9 @@ def test_what_a_read_only_installation_holds_is_taken_along(tmp_path, monkeypatc
         lambda folder: "installed" not in str(folder) and can_write(folder),
     )
     environment = {"DEPTHSR_CACHE": str(tmp_path / "installed"), "HOME": str(tmp_path)}
-    cache = prepare_numba_cache(environment)
-    assert cache.folder == tmp_path / ".cache/depthsr/numba"
-    assert (cache.folder / "pipeline_1/kernel.1.nbc").read_bytes() == b"code"
-    assert not cache.is_empty
+    folder = prepare_numba_cache(environment)
+    assert folder == tmp_path / ".cache/depthsr/numba"
+    assert (folder / "pipeline_1/kernel.1.nbc").read_bytes() == b"code"
 
 
 def test_numba_writes_where_it_was_told_to(tmp_path):
