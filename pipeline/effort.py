@@ -45,6 +45,10 @@ class Effort:
     """True: likewise, and what has changed is made of its own view. Of the other views one is
     looked at in a frame, in turn, and none where nothing is refreshed."""
 
+    others: bool = True
+    """False, of ``alone`` only: no other view is looked at, and what stands still is refreshed of
+    them as they were."""
+
     def __post_init__(self) -> None:
         for name in ("steps", "views", "register_every", "refresh_every"):
             value = getattr(self, name)
@@ -52,6 +56,8 @@ class Effort:
                 raise ConfigurationError(f"effort: {name} must be 1 or more, not {value}")
         if self.refresh_every is None and not self.alone:
             raise ConfigurationError("effort: refresh_every must be said where not alone")
+        if not (self.others or self.alone):
+            raise ConfigurationError("effort: others must be looked at where not alone")
 
     @property
     def registers(self) -> bool:
@@ -61,7 +67,7 @@ class Effort:
     @property
     def looks_around(self) -> bool:
         """Whether views other than the targets are looked at, if not all of them in every frame."""
-        return self.refresh_every is not None
+        return self.others and self.refresh_every is not None
 
     @property
     def is_full(self) -> bool:
@@ -113,5 +119,5 @@ def looked_at(
         return tuple(view_ids)
     near = targets if effort.alone else nearest_views(view_ids, targets, effort.views)
     others = [name for name in view_ids if name not in near]
-    turn = others[frame_index % len(others)] if others and effort.refresh_every else None
+    turn = others[frame_index % len(others)] if others and effort.looks_around else None
     return tuple(name for name in view_ids if name in near or name == turn)

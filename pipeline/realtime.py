@@ -24,12 +24,12 @@ an iterator of frames.
 The order in which quality goes is the ladder's (:func:`ladder`): first fewer steps of the solver,
 then the motions of each view found anew more seldom, then fewer views for what changes (those that
 stand farthest from the eyes go first), then motions that are kept as they are, then each eye of
-itself alone where it changes, last each eye of itself alone. As soon as frames cost more than there
-is time for, the controller goes down to the rung whose frames, by what these cost and by the work
-of either rung, have time enough: at once where the first frame of a rung costs a multiple of its
-time. It goes a rung up only after a long calm, longer each time that it had to be taken back; until
-what that rung takes is there, frames are made on the one below. A frame that would be begun too
-late is dropped, and counted.
+itself alone where it changes, then no view but the eyes, last nothing but where they change. As
+soon as frames cost more than there is time for, the controller goes down to the rung whose frames,
+by what these cost and by the work of either rung, have time enough: at once where the first frame
+of a rung costs a multiple of its time. It goes a rung up only after a long calm, longer each time
+that it had to be taken back; until what that rung takes is there, frames are made on the one below.
+A frame that would be begun too late is dropped, and counted.
 """
 
 from __future__ import annotations
@@ -73,6 +73,9 @@ ALONE = 0.05
 
 REFRESH_EVERY = 8
 """Frames within which what stands still is made again, low on the ladder."""
+
+REFRESH_ALONE_EVERY = 16
+"""The same where no view but the eyes is looked at."""
 
 FULL_STEPS = 4
 """Steps of a warm frame at full quality, about."""
@@ -135,7 +138,10 @@ class Rung:
     def __str__(self) -> str:
         effort = self.effort
         if effort.alone:
-            return "each eye alone" if effort.refresh_every is None else "what changes alone"
+            if effort.looks_around:
+                return "what changes alone"
+            kept = "" if effort.refresh_every is None else ", what stands still made again"
+            return f"each eye alone{kept}"
         parts = []
         if effort.steps is not None:
             parts.append(f"{effort.steps} steps")
@@ -164,6 +170,7 @@ def ladder(num_views: int, num_eyes: int = 2) -> tuple[Rung, ...]:
     motions kept
     motions kept, 2 views for what changes
     what changes alone
+    each eye alone, what stands still made again
     each eye alone
     """
     efforts = [FULL, *(Effort(steps=steps) for steps in STEPS)]
@@ -180,6 +187,7 @@ def ladder(num_views: int, num_eyes: int = 2) -> tuple[Rung, ...]:
         if 1 < num_eyes < num_views / 2:
             efforts.append(Effort(register=False, views=num_eyes, refresh_every=REFRESH_EVERY))
         efforts.append(Effort(alone=True, refresh_every=REFRESH_EVERY))
+        efforts.append(Effort(alone=True, refresh_every=REFRESH_ALONE_EVERY, others=False))
     efforts.append(Effort(alone=True, refresh_every=None))
     return tuple(Rung(effort=effort) for effort in efforts)
 

@@ -413,7 +413,7 @@ def highest_at_hand(
     has_depth = not wanted.registers or source.approach(frame_index, depth=True)
     has_views = not wanted.looks_around or source.approach(frame_index)
     if not (has_views or before.looks_around):
-        return len(efforts) - 1
+        return next(level for level, effort in enumerate(efforts) if not effort.looks_around)
     if not (has_depth or before.registers):
         return next(level for level, effort in enumerate(efforts) if not effort.registers)
     return level
