@@ -58,8 +58,8 @@ class StartChoice:
     """Whether too few blocks matched, most of it changed where it was, or the noise has fallen, so
     that the whole frame starts cold."""
     has_moved: bool = False
-    """Whether so few matched because the camera has moved: the reconstruction starts cold, in fewer
-    steps, the registration from how the views stood to one another."""
+    """Whether the camera has moved, or the picture goes on changing all over, so that it starts
+    cold, in fewer steps, the registration from how the views stood to one another."""
 
 
 @dataclass(frozen=True, kw_only=True)

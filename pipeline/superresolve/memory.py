@@ -15,6 +15,7 @@ from pipeline.reconstruction.alone import Restored
 from pipeline.reconstruction.fused import FusedResult
 from pipeline.registration.register import Previous
 from pipeline.superresolve.registered import RegisteredFrame
+from pipeline.temporal.drift import KEPT, detail_of, goes_on_changing
 from pipeline.temporal.initial import BlockMatch, match_blocks
 from pipeline.temporal.moving import has_moved
 from pipeline.temporal.still import Still, first_seen, seen_again
@@ -66,11 +67,18 @@ class Memory:
         self.turn = 0
         self._found_in = self._last = -1
         self._observed: dict[str, GreyImage] = {}
+        self._details: dict[str, tuple[GreyImage, ...]] = {}
         self.still: dict[str, Still] = {}
         self._noise: dict[str, float] = {}
         self.is_quieter = False
         """Whether the noise last asked for has fallen so far that what came before it is of no
         use."""
+
+    def begin_again(self) -> None:
+        """Start a new chain in a picture that goes on as it did."""
+        details = self._details
+        self.forget()
+        self._details = details
 
     def noise(self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]) -> float:
         """Return the noise of the settings, or that of the frame's views, grey levels.
@@ -105,6 +113,14 @@ class Memory:
     def has_moved(self, frame: MultiViewFrame, targets: Sequence[str]) -> bool:
         """Return whether a frame shows the targets as the one before, from another place."""
         return all(has_moved(frame.view(target).luma, self._observed[target]) for target in targets)
+
+    def drifts(self, frame: MultiViewFrame, targets: Sequence[str], noise: float) -> bool:
+        """Return whether a target goes on changing all over; to be asked of each frame once."""
+        self._details |= {
+            target: (*self._details.get(target, ())[1 - KEPT :], detail_of(frame.view(target).luma))
+            for target in targets
+        }
+        return any(goes_on_changing(self._details[target], noise) for target in targets)
 
     def move(self) -> None:
         """Keep of the frames so far only what holds wherever the rig is."""
@@ -197,6 +213,7 @@ class Memory:
             turn=both.turn,
         )
         both._observed = {**self._observed, **other._observed}
+        both._details = {**other._details, **self._details}
         both.still = {**other.still, **self.still}
         both._noise = {**other._noise, **self._noise}
         both._solved = {**self._solved, **other._solved}
@@ -217,6 +234,7 @@ class Memory:
             registrations={target: self.previous.registrations[target] for target in targets},
         )
         part._observed = {target: self._observed[target] for target in targets}
+        part._details = {target: self._details[target] for target in targets}
         part.still, part._noise = self.still, self._noise
         part._solved = {
             target: image for target, image in self._solved.items() if target in targets

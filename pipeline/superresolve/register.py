@@ -87,6 +87,8 @@ def register_frame(
         if is_cut and memory is not None:
             memory.forget()
             matches, noise = {}, memory.noise(frame, settings, sources)
+        if memory is not None and memory.drifts(frame, targets, noise):
+            has_moved = bool(matches)
         if has_moved and memory is not None:
             memory.move()
             matches = {}
@@ -97,7 +99,7 @@ def register_frame(
                 for target in targets
             ):
                 is_cut = True
-                memory.forget()
+                memory.begin_again()
                 matches, noise = {}, memory.noise(frame, settings, sources)
                 averaged = memory.averaged(frame, noise)
             frame = averaged

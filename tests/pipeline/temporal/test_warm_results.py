@@ -34,6 +34,12 @@ def quiet():
     return [SCENE.frame(number) for number in range(4)]
 
 
+@pytest.fixture(scope="module")
+def larger():
+    scene = replace(SCENE, width=160, height=120)
+    return scene, scene.frame(0)
+
+
 def _settings(temporal="warm", **others):
     return Settings(
         psf_sigma=1.0, noise_sigma=NOISE, sampling="decimation", temporal=temporal, **others
@@ -163,6 +169,62 @@ def test_after_a_cut_nothing_of_the_old_scene_is_seen(quiet):
         assert not target.start.is_cut
         assert target.start.warm_share > 0.35
         assert psnr(ours.images[target.view_id].luma, other.images[target.view_id].luma) > 40
+
+
+def _softer(pictures, number):
+    """A focus pull."""
+    return [cv2.GaussianBlur(one, (0, 0), 0.1 + 0.15 * number) for one in pictures]
+
+
+def _aside(pictures, number):
+    """A pan by a twentieth of an LR pixel a frame."""
+    step = np.array([[1, 0, -0.1 * number], [0, 1, 0]], np.float32)
+    return [
+        cv2.warpAffine(
+            one, step, one.shape[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+        )
+        for one in pictures
+    ]
+
+
+def _dissolving(pictures, number):
+    """Into the same upside down."""
+    return [one + (one[::-1] - one) * np.float32(number / 16) for one in pictures]
+
+
+@pytest.mark.parametrize("changed", [_softer, _aside, _dissolving])
+def test_what_changes_slowly_all_over_is_no_worse_than_cold(larger, changed):
+    """From frame to frame most of it seems to stand still."""
+    scene, still = larger
+    pictures = [
+        cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        for picture in scene.render_all(0.0)
+    ]
+    warm, cold = (Worker(_settings(kind), targets=TARGETS) for kind in ("warm", "cold"))
+    for number in range(10):
+        chance, truth = np.random.default_rng(number), changed(pictures, number)
+        views = tuple(
+            replace(
+                view,
+                luma=scene.observe(hr_image, noise_sigma=NOISE, noise=chance).astype(np.float32),
+            )
+            for view, hr_image in zip(still.views, truth, strict=True)
+        )
+        frame = replace(still, frame_index=number, views=views)
+        ours = warm.take(frame)
+        if number < 8:
+            continue
+        other = cold.take(frame)
+        scores = [
+            np.mean(
+                [
+                    psnr(one.images[target].luma, truth[place], border=8)
+                    for target, place in zip(TARGETS, scene.reference_views, strict=True)
+                ]
+            )
+            for one in (ours, other)
+        ]
+        assert scores[0] > scores[1] - 0.05
 
 
 def _pursued(frames, solver):

@@ -1,0 +1,88 @@
+"""What goes on changing all over is told from noise, from light and from what only moves."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.temporal.drift import KEPT, SPAN, detail_of, goes_on_changing
+
+NOISE = 2.0
+HEIGHT, WIDTH = 120, 160
+
+
+def _picture(seed):
+    coarse = np.random.default_rng(seed).uniform(40, 210, (HEIGHT, WIDTH)).astype(np.float32)
+    return cv2.GaussianBlur(coarse, (0, 0), 1.5)
+
+
+GROUND, OTHER = _picture(0), _picture(1)
+
+
+def _shifted(pixels):
+    step = np.array([[1, 0, -pixels], [0, 1, 0]], np.float32)
+    return cv2.warpAffine(
+        GROUND, step, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+    )
+
+
+def _details(shown, count, noise=NOISE):
+    chance = np.random.default_rng(2)
+    return [
+        detail_of((shown(number) + chance.normal(0, noise, GROUND.shape)).astype(np.float32))
+        for number in range(count)
+    ]
+
+
+DRIFTS = {
+    "dissolve": lambda number: GROUND + (OTHER - GROUND) * number / 60,
+    "pan": lambda number: _shifted(0.05 * number),
+    "focus": lambda number: cv2.GaussianBlur(GROUND, (0, 0), 0.4 + 0.1 * number),
+    "fade": lambda number: GROUND * (1 - number / 40),
+}
+
+
+@pytest.mark.parametrize("kind", DRIFTS)
+@pytest.mark.parametrize("noise", [0.0, NOISE])
+def test_what_changes_all_over_is_noticed(kind, noise):
+    assert goes_on_changing(_details(DRIFTS[kind], KEPT + 2, noise), noise)
+
+
+def test_what_changes_fast_is_noticed_in_the_third_frame():
+    details = _details(lambda number: _shifted(0.4 * number), 3)
+    assert not goes_on_changing(details[:2], NOISE)
+    assert goes_on_changing(details, NOISE)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0, NOISE, 5.0])
+def test_noise_and_slow_light_are_no_drift(noise):
+    """Light that changes slowly as a whole does no harm: what is averaged follows it."""
+    details = _details(lambda number: GROUND * (1 + 0.003 * number), 24, noise)
+    for last in range(1, len(details) + 1):
+        assert not goes_on_changing(details[:last], noise)
+
+
+def test_what_moves_over_half_of_the_picture_is_no_drift():
+    def shown(number):
+        return np.where(np.arange(WIDTH) < WIDTH // 2, _shifted(0.3 * number), GROUND)
+
+    details = _details(shown, 16)
+    for last in range(1, len(details) + 1):
+        assert not goes_on_changing(details[:last], NOISE)
+
+
+def test_once_it_stands_still_it_is_still_after_the_span():
+    details = _details(lambda number: _shifted(0.3 * min(number, 6)), 8 + SPAN)
+    assert goes_on_changing(details[:7], NOISE)
+    assert not goes_on_changing(details[: 8 + SPAN], NOISE)
+
+
+def test_of_a_picture_with_few_blocks_nothing_is_said():
+    details = [detail[:48, :64] for detail in _details(DRIFTS["pan"], KEPT)]
+    assert not goes_on_changing(details, NOISE)
+
+
+def test_another_size_is_another_picture():
+    details = _details(DRIFTS["pan"], KEPT)
+    assert not goes_on_changing([detail[:20] for detail in details[:-1]] + details[-1:], NOISE)
