@@ -240,7 +240,9 @@ class VideoBench:
         )  # fmt: skip
         account = held[1].report["realtime"]
         said = account_of(
-            RATE, ((record["dropped"], record["rung"]) for record in _records(held[1]))
+            RATE,
+            ((record["dropped"], record["rung"]) for record in _records(held[1])),
+            waited=account["waited"],
         )
         self._row(
             "loss to full quality", remark=f"{signed(held[0] - full[0])} dB in the mean of all "

@@ -203,6 +203,8 @@ class Choice:
     rung: Rung
     late: float
     """Seconds after its time."""
+    waited: float = 0.0
+    """Seconds that were waited for it beyond its time: what it comes from is too slow."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,6 +216,8 @@ class Account:
     dropped: int
     frames_by_rung: Mapping[str, int]
     """Frames computed, by the rung's words, from full quality downwards."""
+    waited: float = 0.0
+    """Seconds that were waited for frames beyond their time, in all."""
 
     def sentence(self) -> str:
         """Return the account in plain words."""
@@ -223,10 +227,12 @@ class Account:
             f"{computed + self.dropped} frames computed, {self.dropped} dropped"
         )
         parts = [f"{count} with {rung}" for rung, count in self.frames_by_rung.items()]
+        if self.waited * self.rate > 1:
+            parts.append(f"the input came {self.waited:.1f} s too late in all")
         return f"{said}; {'; '.join(parts)}." if parts else f"{said}."
 
 
-def account_of(rate: float, records: Iterable[tuple[bool, str]]) -> Account:
+def account_of(rate: float, records: Iterable[tuple[bool, str]], waited: float = 0.0) -> Account:
     """Return the account of frames, each (dropped, the rung's words), in any order."""
     dropped = 0
     counts: dict[str, int] = {}
@@ -235,7 +241,7 @@ def account_of(rate: float, records: Iterable[tuple[bool, str]]) -> Account:
             dropped += 1
         else:
             counts[words] = counts.get(words, 0) + 1
-    return Account(rate=rate, dropped=dropped, frames_by_rung=counts)
+    return Account(rate=rate, dropped=dropped, frames_by_rung=counts, waited=waited)
 
 
 @dataclass(kw_only=True)
@@ -425,8 +431,8 @@ def paced(
     """Yield frames with the choices of a controller, which learns what each of them cost.
 
     A frame costs the time until the next one is asked for. The time begins with the end of the
-    first frame. A frame that has to be waited for is not late, and time that is left over is not
-    saved up.
+    first frame. A frame that has to be waited for is not late, but the choice says how long that
+    was beyond its time; time that is left over is not saved up.
 
     Parameters
     ----------
@@ -438,14 +444,16 @@ def paced(
         Asked before each frame: see :meth:`Controller.begin`.
     """
     due: float | None = None
-    asked = clock()
+    asked, spare = clock(), math.inf
     for frame in frames:
         begin = clock()
         if due is not None:
             due += begin - asked
         choice = controller.begin(0.0 if due is None else begin - due, highest(frame))
+        choice = replace(choice, waited=max(0.0, begin - asked - spare))
         yield frame, choice
         asked = clock()
         if not choice.drop:
             controller.end(choice, asked - begin, worked())
+        spare = 0.0 if due is None else max(0.0, due + controller.budget - asked)
         due = asked if due is None else min(due + controller.budget, asked)

@@ -214,6 +214,7 @@ def _realtime(job: Job, info: SceneInfo, frames: Sequence[Mapping[str, Any]]) ->
     return account_of(
         job.settings.rate or float(info.fps),
         ((record["dropped"], record["rung"]) for record in records),
+        waited=sum(record["waited"] for record in records),
     )
 
 

@@ -279,6 +279,8 @@ class RealtimeRecord:
     """Views whose picture is that of an earlier frame."""
     late: float
     """Seconds after its time when it was begun."""
+    waited: float
+    """Seconds that were waited for its views beyond its time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -455,6 +457,7 @@ def hold_rate(
                 rung=str(rung),
                 repeated=targets if is_shown_again else (),
                 late=max(0.0, choice.late),
+                waited=choice.waited,
             ),
         )  # fmt: skip
 

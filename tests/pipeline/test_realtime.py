@@ -325,18 +325,27 @@ def test_whatever_a_frame_costs_the_stream_does_not_fall_behind(load, count):
     assert controller.dropped + sum(controller.account.frames_by_rung.values()) == count
 
 
-def test_waiting_for_frames_is_not_being_late():
+@pytest.mark.parametrize("spacing", [0.3, 1.0, 2.0])
+def test_waiting_for_frames_is_not_being_late_but_is_told(spacing):
     clock, controller = Clock(), _controller()
+    waited = []
 
-    def slow_camera():
+    def camera():
         for number in range(50):
-            clock.now += 2 * BUDGET
+            clock.now = max(clock.now, number * spacing * BUDGET)
             yield number
 
-    for _, choice in paced(slow_camera(), controller, clock):
+    for _, choice in paced(camera(), controller, clock):
         assert not choice.drop
+        waited.append(choice.waited)
         clock.now += 0.5 * BUDGET
     assert controller.level == 0
+    # before the first frame nothing is due, and after it everything is
+    assert waited[0] == 0
+    assert waited[1] == pytest.approx(max(0, spacing - 0.5) * BUDGET)
+    assert waited[2:] == pytest.approx([max(0, spacing - 1) * BUDGET] * 48)
+    account = account_of(RATE, [(False, "full quality")] * 50, waited=sum(waited))
+    assert ("the input came 5.0 s too late in all." in account.sentence()) == (spacing > 1)
 
 
 def test_time_left_over_is_not_saved_up():
