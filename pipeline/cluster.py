@@ -11,6 +11,7 @@ costs its segment another try. The scheduler need not have depthsr; the workers 
 from __future__ import annotations
 
 import contextlib
+import logging
 import pickle
 import queue
 import tempfile
@@ -89,6 +90,8 @@ class ClusterEngine:
     ) -> None:
         self.address = address
         self._make_sink = make_sink
+        # what becomes of a connection that is lost is told by our errors, not by its tracebacks
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # versions are our own check
@@ -182,8 +185,8 @@ class ClusterEngine:
                     on_event(_event(item))
         finally:
             token.unlink(missing_ok=True)
-            self._client.unsubscribe_topic(name)
-            if waiting:
+            if self._client.status == "running":  # else the scheduler is lost
+                self._client.unsubscribe_topic(name)
                 self._let_go([future for _, future in waiting.values()])
 
     def _with_threads(self, job: Job, num_segments: int) -> Job:

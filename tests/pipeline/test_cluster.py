@@ -72,6 +72,10 @@ class Cluster:
         self._processes.append(process)
         return process
 
+    def lose_scheduler(self) -> None:
+        self._processes[0].kill()
+        self._processes[0].wait()
+
     def close(self) -> None:
         for process in reversed(self._processes):
             process.kill()
@@ -254,3 +258,21 @@ def test_a_worker_without_the_package_is_named(cluster, manifest, tmp_path):
 def test_a_worker_that_differs_says_in_what():
     other = pickle.dumps({"versions": {"numpy": "1.0"}, "scene": [], "work": b""})
     assert "not 1.0; install the same version there" in examine(other)
+
+
+def test_a_scheduler_that_is_lost_amid_segments_is_told_at_once(manifest, tmp_path, capfd):
+    """Nothing is waited for that no scheduler can answer, and Dask's tracebacks are not shown."""
+    lost = []
+    with contextlib.closing(Cluster(tmp_path)) as cluster:
+        cluster.worker()
+
+        def on_event(event):
+            if isinstance(event, SegmentFinished):
+                cluster.lose_scheduler()
+                lost.append(time.monotonic())
+
+        with ClusterEngine(cluster.address, patience=PATIENCE, make_sink=Held) as engine:
+            with pytest.raises(ClusterError, match=r"the scheduler is lost; --resume goes on"):
+                run_job(_job(manifest, tmp_path / "job"), engine=engine, on_event=on_event)
+            assert time.monotonic() - lost[0] < 8
+    assert "Traceback" not in capfd.readouterr().err
