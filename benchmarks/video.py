@@ -34,6 +34,7 @@ from pipeline.media.files import write_atomic
 from pipeline.media.source import open_scene
 from pipeline.metrics import psnr
 from pipeline.realtime import account_of
+from pipeline.registration.again import AGAIN
 from pipeline.run import RunSummary, run_job
 from pipeline.synthetic import SampleScene, write_scene
 from pipeline.worker import Worker
@@ -60,11 +61,14 @@ class Plan:
     num_views: int = 8
     chain: int = 6
     """Frames of a warm chain; the first is cold and does not count."""
+    swift: int = 12
+    """Frames of a swift chain; only those that need not be registered count, and of the cold
+    ones beside it the same."""
     stream: int = 48
     """Frames of the whole way."""
 
 
-QUICK = Plan(size=(96, 72), num_views=3, chain=3, stream=10)
+QUICK = Plan(size=(96, 72), num_views=3, chain=3, swift=7, stream=10)
 """Does it work at all?"""
 
 
@@ -73,10 +77,10 @@ class Chain:
     """Frames of one stream, computed one after another."""
 
     seconds: tuple[float, ...]
-    """Wall clock of the frames after the first."""
+    """Wall clock of the frames that count."""
     cpu_seconds: tuple[float, ...]
     psnr: tuple[float, ...]
-    """Mean of the targets, dB; of the frames after the first."""
+    """Mean of the targets, dB; of the frames that count."""
 
     @property
     def middle(self) -> float:
@@ -90,9 +94,13 @@ class Chain:
 
 
 def run_chain(
-    frames: Sequence[MultiViewFrame], truth: Truth, settings: Settings, targets: tuple[str, ...]
+    frames: Sequence[MultiViewFrame],
+    truth: Truth,
+    settings: Settings,
+    targets: tuple[str, ...],
+    first: int = 1,
 ) -> Chain:
-    """Compute a chain of frames."""
+    """Compute a chain of frames; those before the ``first`` do not count."""
     worker = Worker(settings, targets=targets)
     seconds, cpu, quality = [], [], []
     for frame, pictures in zip(frames, truth, strict=True):
@@ -101,7 +109,9 @@ def run_chain(
         seconds.append(time.perf_counter() - begin)
         cpu.append(time.process_time() - begin_cpu)
         quality.append(_mean_psnr([result.images[name].luma for name in targets], pictures))
-    return Chain(seconds=tuple(seconds[1:]), cpu_seconds=tuple(cpu[1:]), psnr=tuple(quality[1:]))
+    return Chain(
+        seconds=tuple(seconds[first:]), cpu_seconds=tuple(cpu[first:]), psnr=tuple(quality[first:])
+    )
 
 
 def _mean_psnr(images: Sequence[GreyImage], truth: Sequence[GreyImage]) -> float:
@@ -136,19 +146,21 @@ class VideoBench:
         """Measure everything."""
         self._note("rendering")
         frames = [
-            self._scene.frame(number, noise_sigma=NOISE) for number in range(self._plan.chain)
+            self._scene.frame(number, noise_sigma=NOISE) for number in range(self._plan.swift)
         ]
-        truth = [self._truth(number) for number in range(self._plan.chain)]
+        truth = [self._truth(number) for number in range(self._plan.swift)]
         first = frames[0]
         self._unit = BicubicUnit([first.view(eye).luma for eye in self._eyes]).seconds()
         self._note("compiling, or loading what is compiled")
         run_chain(frames[:4], truth[:4], replace(self._settings, temporal="warm"), self._eyes)
-        both = self._chains("rig", frames, truth, self._eyes)
-        one = self._chains("rig, one eye", frames, truth, self._eyes[:1])
+        chain = self._plan.chain
+        both = self._chains("rig", frames[:chain], truth, self._eyes)
+        one = self._chains("rig, one eye", frames[:chain], truth, self._eyes[:1])
         for name, two, alone in zip(("cold", "warm"), both, one, strict=True):
             self._row(
                 f"two eyes / one eye, {name}", remark=f"{two.cpu / alone.cpu:.2f} × the CPU time"
             )
+        self._chains("rig, later", frames, truth, self._eyes, "swift", max(AGAIN) + 1)
         self._kitti()
         with tempfile.TemporaryDirectory(prefix="depthsr-bench-") as folder:
             self._streams(Path(folder))
@@ -180,18 +192,20 @@ class VideoBench:
         frames: Sequence[MultiViewFrame],
         truth: Truth,
         targets: tuple[str, ...],
+        other: str = "warm",
+        first: int = 1,
     ) -> tuple[Chain, Chain]:
-        """Measure the frames cold and warm."""
+        """Measure the frames cold and otherwise; those from the ``first`` count."""
         found = []
-        for kind in ("cold", "warm"):
+        for kind in ("cold", other):
             self._note(f"{name}, {kind}")
             settings = replace(self._settings, temporal=kind)
-            found.append(run_chain(frames, truth, settings, targets))
+            found.append(run_chain(frames, truth[: len(frames)], settings, targets, first))
         cold, warm = found
         losses = [there - here for here, there in zip(warm.psnr, cold.psnr, strict=True)]
         self._row(f"{name}: cold frame", cold.middle, cold.cpu, float(np.mean(cold.psnr)))
         self._row(
-            f"{name}: warm frame", warm.middle, warm.cpu, float(np.mean(warm.psnr)),
+            f"{name}: {other} frame", warm.middle, warm.cpu, float(np.mean(warm.psnr)),
             f"1/{cold.cpu / warm.cpu:.1f} of the cold one's CPU time; the worst frame loses "
             f"{max(losses):.3f} dB",
         )  # fmt: skip
@@ -322,7 +336,8 @@ def page(bench: VideoBench, plan: Plan, threads: int) -> str:
 Machine: {described()}; {threads} threads; load average {load_average():.1f} at the end.
 
 {plan.num_views} views {width}×{height} → {2 * width}×{2 * height}, noise {NOISE:g}, both eyes
-unless said otherwise; medians over the {plan.chain - 1} frames after the first of a chain;
+unless said otherwise; medians over the {plan.chain - 1} frames after the first of a chain, of a
+swift one over those that are not registered;
 × bicubic is the unit of [benchmarks.md](benchmarks.md).
 
 {bench.table().as_markdown()}

@@ -118,7 +118,7 @@ class Settings:
     )  # fmt: skip
     temporal: str = setting(
         "cold", "whether a frame of a video starts from the one before it",
-        choices=("cold", "warm"),
+        choices=("cold", "swift", "warm"),
     )  # fmt: skip
     temporal_window: int = setting(
         0, "frames before and after each one whose pixels are further constraints", unit="frames"
@@ -163,6 +163,10 @@ class Settings:
         _check(0 <= self.threads <= 256, "threads", "0 to 256", self.threads)
         window = self.temporal_window
         _check(0 <= window <= 2, "temporal_window", "0 to 2", window)
+        _check(
+            window == 0 or self.temporal != "swift",
+            "temporal_window", "0 with --temporal swift", window,
+        )  # fmt: skip
         _check(
             window == 0 or self.registration not in CALIBRATED_PRESETS,
             "temporal_window", f"0 with --registration {self.registration}", window,

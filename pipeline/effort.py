@@ -33,6 +33,10 @@ class Effort:
     """False: the motions of the last frame that was registered are kept as they are, and no depth
     is looked at. Where there are none, each view is made of itself alone."""
 
+    by_depth: bool = False
+    """True, with ``register`` false: what has changed since then lands by its depth map, which is
+    looked at for that, and not by motions of what was there before."""
+
     register_every: int = 1
     """Frames from one in which a view's motions are found anew to the next, other views having
     their turn in each, ≥ 1; between, they are kept."""
@@ -58,6 +62,8 @@ class Effort:
             raise ConfigurationError("effort: refresh_every must be said where not alone")
         if not (self.others or self.alone):
             raise ConfigurationError("effort: others must be looked at where not alone")
+        if self.by_depth and (self.register or self.alone):
+            raise ConfigurationError("effort: by_depth is of motions that are kept")
 
     @property
     def registers(self) -> bool:

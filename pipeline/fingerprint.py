@@ -12,8 +12,9 @@ from typing import Any
 from pipeline.job import Job
 from pipeline.media.video_format import view_path
 from pipeline.report import to_plain, versions
-from pipeline.segments import WARM_UP, WATCHED
+from pipeline.segments import WATCHED, warm_up
 from pipeline.superresolve.due import NEW, STILL, WARM
+from pipeline.superresolve.restore import REGISTER_EVERY, SWIFT
 
 RESULT_SETTINGS_IGNORED = frozenset({"threads"})
 """Settings that change the time but not the result, so that a resumed run may differ in them."""
@@ -35,10 +36,13 @@ def make_fingerprint(job: Job, frames: range, targets: tuple[str, ...]) -> dict[
         for key, value in to_plain(job.output).items()
         if key not in OUTPUT_IGNORED
     }
-    if job.settings.temporal == "warm":
+    if job.settings.temporal != "cold":
         for name, tuning in (("warm", WARM), ("new", NEW), ("still", STILL)):
             record |= {f"{name} {key}": value for key, value in to_plain(tuning).items()}
-        record["warm-up frames"] = [WATCHED, WARM_UP]
+        record["warm-up frames"] = [WATCHED, warm_up(job.settings.temporal)]
+    if job.settings.temporal == "swift":
+        record |= {f"swift {key}": value for key, value in to_plain(SWIFT).items()}
+        record["frames from one that is registered to the next"] = REGISTER_EVERY
     record["frames"] = [frames.start, frames.stop]
     record["targets"] = list(targets)
     record["scene"] = str(job.scene.resolve())

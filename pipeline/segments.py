@@ -50,6 +50,9 @@ WARM_UP = 12
 """Frames before a segment that are computed and thrown away where frames start warm, so that
 a segment comes out the same wherever it is computed and the picture does not jump there."""
 
+SWIFT_WARM_UP = 16
+"""The same with ``--temporal swift``, which solves less of what stands still in a frame."""
+
 WATCHED = MOST_FRAMES + 1
 """Frames before those that are only looked at, for the mean of what stands still."""
 
@@ -163,10 +166,13 @@ class LocalEngine:
                 done = stage(hold_rate(line, frames, controller), "hold-rate")
             else:
                 frames = stage(line.read(self._source, segments), "read")
-                registered = line.register(frames)
-                if thread_count() > 1:
-                    registered = stage(registered, "register")
-                done = stage(line.reconstruct(registered), "reconstruct")
+                if work.job.settings.temporal == "swift":
+                    done = stage(line.take(frames), "take")
+                else:
+                    registered = line.register(frames)
+                    if thread_count() > 1:
+                        registered = stage(registered, "register")
+                    done = stage(line.reconstruct(registered), "reconstruct")
             try:
                 for segment in segments:
                     self._write(work, segment, done, on_event, stop)
@@ -240,6 +246,8 @@ class _ReadFrame:
     seconds: float
     begins: bool
     """Whether a new chain begins with it."""
+    first_computed: int
+    """The first frame of that chain that is not only looked at, unless the scene begins later."""
 
     @property
     def is_warm_up(self) -> bool:
@@ -249,7 +257,7 @@ class _ReadFrame:
     @property
     def is_watched(self) -> bool:
         """Whether it is a frame before those: only looked at."""
-        return self.frame.frame_index < self.segment.start - WARM_UP
+        return self.frame.frame_index < self.first_computed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -348,6 +356,7 @@ class _Line:
                     seconds=self.clock() - begin,
                     begins=frame.frame_index == first
                     and (segment is segments[0] or not settings.realtime),
+                    first_computed=segment.start - warm_up(settings.temporal),
                 )  # fmt: skip
                 begin = self.clock()
 
@@ -365,13 +374,16 @@ class _Line:
         if expected != wanted.stop:
             raise SceneError(f"frame {expected} is missing", path=self.work.job.scene)
 
+    def take(self, frames: Iterable[_ReadFrame]) -> Iterator[_DoneFrame]:
+        """Do both halves of a frame before the next one is begun, as a swift one needs it."""
+        for item in self._computed(frames):
+            begin = self.clock()
+            result = self.worker.take(item.frame, neighbours=item.neighbours)
+            if not item.is_warm_up:
+                yield self._done(item, result, begin)
+
     def register(self, frames: Iterable[_ReadFrame]) -> Iterator[_HalfDoneFrame]:
-        for item in frames:
-            if item.begins:
-                self.worker.reset()
-            if item.is_watched:
-                self.worker.watch(item.frame)
-                continue
+        for item in self._computed(frames):
             begin = self.clock()
             registered = self.worker.register(item.frame, neighbours=item.neighbours)
             yield _HalfDoneFrame(read=item, registered=registered, seconds=self.clock() - begin)
@@ -380,20 +392,34 @@ class _Line:
         for item in frames:
             begin = self.clock()
             result = self.worker.reconstruct(item.registered)
-            seconds = item.seconds + self.clock() - begin
-            if item.read.is_warm_up:
-                continue
-            plan = self.work.plan
-            if plan.between is not None:
-                result = with_view_between(
-                    result, item.read.frame, plan.between, plan.targets[0], plan.grid
-                )
-                seconds = item.seconds + self.clock() - begin
-            yield _DoneFrame(
-                result=result,
-                timings={"decode": item.read.seconds, **result.report.timings, "frame": seconds},
-                depth=depth_origin(item.read.frame),
-            )
+            if not item.read.is_warm_up:
+                yield self._done(item.read, result, begin, item.seconds)
+
+    def _computed(self, frames: Iterable[_ReadFrame]) -> Iterator[_ReadFrame]:
+        """Yield the frames that are not only looked at; the others the worker is told of."""
+        for item in frames:
+            if item.begins:
+                self.worker.reset()
+            if item.is_watched:
+                self.worker.watch(item.frame)
+            else:
+                yield item
+
+    def _done(
+        self, read: _ReadFrame, result: FrameResult, begin: float, before: float = 0.0
+    ) -> _DoneFrame:
+        """Return a frame that is computed, with the view between its eyes, if one is asked for."""
+        plan = self.work.plan
+        if plan.between is not None:
+            result = with_view_between(
+                result, read.frame, plan.between, plan.targets[0], plan.grid
+            )  # fmt: skip
+        seconds = before + self.clock() - begin
+        return _DoneFrame(
+            result=result,
+            timings={"decode": read.seconds, **result.report.timings, "frame": seconds},
+            depth=depth_origin(read.frame),
+        )
 
 
 def highest_at_hand(
@@ -487,4 +513,9 @@ def first_frame(work: Work, segment: Segment) -> int:
     settings = work.job.settings
     if settings.temporal == "cold" or settings.realtime:
         return segment.start
-    return max(segment.start - WARM_UP - WATCHED, work.frames.start)
+    return max(segment.start - warm_up(settings.temporal) - WATCHED, work.frames.start)
+
+
+def warm_up(temporal: str) -> int:
+    """Return how many frames before a segment are computed and thrown away."""
+    return {"cold": 0, "swift": SWIFT_WARM_UP}.get(temporal, WARM_UP)

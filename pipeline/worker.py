@@ -48,7 +48,7 @@ class Worker:
         self._targets: tuple[str, ...] = arguments.pop("targets")
         self._stop = stop
         self._arguments = arguments
-        self._memories = [Memory()] if settings.temporal == "warm" else []
+        self._memories = [Memory()] if settings.temporal != "cold" else []
 
     def take(
         self,

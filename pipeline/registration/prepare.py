@@ -124,6 +124,12 @@ def _level(
     )
 
 
+def cleaned(depth_map: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return a depth map filled where it is unknown, and without specks."""
+    filled = fill_unknown(depth_map)
+    return cv2.medianBlur(filled, 5) if min(filled.shape) >= 5 else filled
+
+
 def prepare(
     view: View, num_levels: int, *, metric: bool = False, smoothing: float = SMOOTHING
 ) -> PreparedView:
@@ -135,9 +141,7 @@ def prepare(
         depth_range = 0.0
     else:
         known = np.isfinite(view.depth_map)
-        nearness = fill_unknown(view.depth_map)
-        if min(nearness.shape) >= 5:
-            nearness = cv2.medianBlur(nearness, 5)
+        nearness = cleaned(view.depth_map)
         step = max(1, min(nearness.shape) // RANGE_LINES)
         values = nearness[::step, ::step][known[::step, ::step]]
         depth_range = float(np.subtract(*np.percentile(values, [98, 2]))) if values.size else 0.0

@@ -43,8 +43,16 @@ def view_report(
     )
 
 
-def report_restored(target: str, settings: Settings, effort: Effort) -> TargetReport:
-    """Return the report of a target for which nothing was registered."""
+def report_restored(
+    target: str, settings: Settings, effort: Effort, warm_share: float
+) -> TargetReport:
+    """Return the report of a target for which nothing was registered.
+
+    Parameters
+    ----------
+    warm_share : float
+        Of the target, what stays as it was.
+    """
     own = 100.0 / (settings.grid.magnification_x * settings.grid.magnification_y)
     return TargetReport(
         view_id=target,
@@ -53,12 +61,14 @@ def report_restored(target: str, settings: Settings, effort: Effort) -> TargetRe
         phase_coverage_reference=own,
         remark="No other view was looked at."
         if effort.refresh_every is None
+        else "No view was registered: what changes lands by its depth."
+        if effort.by_depth
         else "No view was registered: motions are those of an earlier frame.",
         solver=settings.solver,
         iterations=0,
         stop_reason="alone" if effort.alone else "kept",
         residuals=(),
-        start=StartChoice(warm_share=0.0, is_cut=False),
+        start=StartChoice(warm_share=warm_share, is_cut=False),
     )
 
 

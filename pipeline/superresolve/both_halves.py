@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from pipeline.config import Settings
+from pipeline.config import Settings, Solver
 from pipeline.effort import FULL, Effort
 from pipeline.frames import MultiViewFrame
 from pipeline.reconstruction.psf import Psf
@@ -12,7 +12,7 @@ from pipeline.results import FrameResult
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import reconstruct_frame
 from pipeline.superresolve.register import register_frame
-from pipeline.superresolve.restore import restore_frame
+from pipeline.superresolve.restore import restore_frame, swift_frame
 
 
 def superresolve(
@@ -70,6 +70,15 @@ def superresolve(
         return restore_frame(
             frame, settings, targets=targets, psf=psf, stop=stop, memory=memory, effort=effort
         )
+    if settings.temporal == "swift" and memory is not None and effort.is_full:
+        is_plain = observed_views is None and not (keep_intermediates or neighbours)
+        swift = None
+        if is_plain and settings.solver == Solver.FUSED:
+            swift = swift_frame(
+                frame, settings, targets=targets, psf=psf, stop=stop, memory=memory
+            )  # fmt: skip
+        if swift is not None:
+            return swift
     registered = register_frame(
         frame, settings, targets=targets, observed_views=observed_views, psf=psf,
         keep_intermediates=keep_intermediates, stop=stop, memory=memory, effort=effort,

@@ -13,7 +13,10 @@ from pipeline.frames import GreyImage, MultiViewFrame, RegisteredView, View
 from pipeline.noise import estimate_noise
 from pipeline.reconstruction.alone import Restored
 from pipeline.reconstruction.fused import FusedResult
-from pipeline.registration.register import Previous
+from pipeline.registration.again import AGAIN
+from pipeline.registration.by_depth import DepthLaw, landed_by_depth, learn_law
+from pipeline.registration.prepare import cleaned
+from pipeline.registration.register import Previous, ViewRegistration
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.temporal.drift import KEPT, detail_of, goes_on_changing
 from pipeline.temporal.initial import BlockMatch, match_blocks
@@ -28,9 +31,16 @@ views being looked at, too."""
 LEAST_NOISE = 1.0
 """Noise of which that is a share, at least, grey levels."""
 
+RIGHT = 0.5
+"""How far patches may land from where depth maps say for these to be right, LR pixels."""
+
 QUIETER = 0.7
 """Share of the noise before below which means and results of frames before are worse than a frame
 of its own."""
+
+
+Seen = tuple[dict[str, Still], dict[str, float], dict[str, tuple[GreyImage, ...]]]
+"""What a look at frames has told: see :attr:`Memory.seen`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,12 +74,13 @@ class Memory:
     def forget(self) -> None:
         """Start a new chain: the next frame is computed on its own."""
         self.previous: Previous | None = None
-        self.turn = 0
+        self.turn = self._stands_since = 0
         self._found_in = self._last = -1
         self._observed: dict[str, GreyImage] = {}
         self._details: dict[str, tuple[GreyImage, ...]] = {}
         self.still: dict[str, Still] = {}
         self._noise: dict[str, float] = {}
+        self._laws: tuple[int, dict[tuple[str, str], DepthLaw | None]] = (-1, {})
         self.is_quieter = False
         """Whether the noise last asked for has fallen so far that what came before it is of no
         use."""
@@ -129,6 +140,7 @@ class Memory:
 
     def move_on(self) -> None:
         """Keep of the registration so far only what holds wherever the rig is."""
+        self._stands_since = self.turn
         if self.previous is not None:
             self.previous = replace(self.previous, has_moved=True)
 
@@ -149,6 +161,86 @@ class Memory:
             ]
             for target, registrations in previous.registrations.items()
         }
+
+    @property
+    def seen(self) -> Seen:
+        """What is known of what stands still, of the noise and of drifts; may be put back."""
+        return self.still, self._noise, dict(self._details)
+
+    @seen.setter
+    def seen(self, before: Seen) -> None:
+        self.still, self._noise, self._details = before
+
+    def laws(self) -> dict[tuple[str, str], DepthLaw | None]:
+        """Return, by target and view, what the last registered frame has shown of depth."""
+        assert self.previous is not None  # a frame was registered
+        if self._laws[0] != self.turn:
+            prepared, registrations = self.previous.prepared, self.previous.registrations
+            pairs = [
+                (target, one)
+                for target, ones in registrations.items()
+                for one in ones
+                if not one.registered.is_reference
+            ]
+            found = map_threads(
+                lambda pair: learn_law(
+                    pair[1], prepared[pair[1].registered.view_id].fine.nearness
+                ),
+                pairs,
+            )  # fmt: skip
+            names = [(target, one.registered.view_id) for target, one in pairs]
+            self._laws = self.turn, dict(zip(names, found, strict=True))
+        return self._laws[1]
+
+    def can_land(self, frame: MultiViewFrame, targets: Sequence[str]) -> bool:
+        """Return whether what changes in a frame may land by its depth maps.
+
+        That is so of a rig that stands still and whose depth has proved right, after the first
+        frames of a chain, or since it moved, in which motions are found from means of more and
+        more frames.
+        """
+        previous, stood = self.previous, self.turn - self._stands_since
+        if (
+            previous is None or previous.has_moved or stood <= max(AGAIN)
+            or not self.is_of_size(frame) or set(targets) != set(previous.registrations)
+            or any(solved.frames is None for solved in self._solved.values())
+        ):  # fmt: skip
+            return False
+        known = {view.view_id for view in frame.views if view.depth_map is not None}
+        return all(
+            law is not None and law.spread < RIGHT and name in known
+            for (_, name), law in self.laws().items()
+        )
+
+    def land(self, frame: MultiViewFrame) -> None:
+        """Let what has changed in a frame land by its depth maps."""
+        previous, laws = self.previous, self.laws()
+        assert previous is not None  # there are laws
+        views = {view.view_id: view for view in frame.views}
+        names = {name for (_, name), law in laws.items() if law is not None and name in views}
+
+        def nearness_of(name: str) -> npt.NDArray[np.float32]:
+            depth_map = views[name].depth_map
+            assert depth_map is not None  # depth has proved right
+            return cleaned(depth_map)
+
+        nearness = dict(zip(names, map_threads(nearness_of, list(names)), strict=True))
+
+        def landed(pair: tuple[str, ViewRegistration]) -> ViewRegistration:
+            target, one = pair
+            name = one.registered.view_id
+            law = laws.get((target, name))
+            if law is None or name not in nearness:
+                return one
+            return landed_by_depth(
+                one, law, nearness[name], self.still[name].touched, views[target].luma.shape
+            )
+
+        registrations = {
+            target: map_threads(landed, [(target, one) for one in ones])
+            for target, ones in previous.registrations.items()
+        }
+        self.previous = replace(previous, registrations=registrations)
 
     def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
         """Take note of a frame that is not computed."""
@@ -207,6 +299,7 @@ class Memory:
         both = Memory()
         both.turn = both._solved_turn = max(self.turn, other.turn)
         both._found_in, both._last = here
+        both._stands_since = max(self._stands_since, other._stands_since)
         both.previous = Previous(
             prepared={**two.prepared, **one.prepared},
             registrations={**one.registrations, **two.registrations},
@@ -227,6 +320,7 @@ class Memory:
     def _of(self, targets: Sequence[str]) -> Memory:
         part = Memory()
         part.turn, part._solved_turn = self.turn, self._solved_turn
+        part._stands_since = self._stands_since
         part._found_in, part._last = self._found_in, self._last
         assert self.previous is not None  # there are targets
         part.previous = replace(

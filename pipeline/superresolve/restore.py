@@ -14,11 +14,23 @@ from pipeline.reconstruction.psf import Psf
 from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
 from pipeline.superresolve.account import report_restored
 from pipeline.superresolve.choices import chosen_filters, default_residual_threshold, psf_of
-from pipeline.superresolve.due import MOSTLY_CHANGED, STILL, WARM, in_turn
+from pipeline.superresolve.due import MOSTLY_CHANGED, NEW, STILL, WARM, in_turn
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import chroma_of
 from pipeline.superresolve.stages import Stages
 from pipeline.threads import map_threads, set_threads, stoppable
+
+SWIFT = Effort(register=False, by_depth=True, refresh_every=8)
+"""What goes into a frame of ``--temporal swift``."""
+
+CHANGED = replace(NEW, settled=0.12)
+"""Work on what has changed in such a frame."""
+
+REGISTER_EVERY = 16
+"""One frame in so many is registered there as a warm one is: drift is found and repaired."""
+
+MUCH_CHANGED = 0.5
+"""Share of a target, with what is near, from whose change on a frame is registered, too."""
 
 
 def restore_frame(
@@ -52,10 +64,63 @@ def restore_frame(
         if noise is None:
             noise = memory.noise(frame, settings, targets)
         frame = memory.averaged(frame, noise)
-        learned = chosen_filters(settings, psf, noise)
-        clock.done("preparation")
         if any(memory.still[target].touched.mean() > MOSTLY_CHANGED for target in targets):
             memory.move_on()
+    return _made(frame, settings, targets, near, psf, noise, memory, effort, clock, stop)
+
+
+def swift_frame(
+    frame: MultiViewFrame,
+    settings: Settings,
+    *,
+    targets: tuple[str, ...],
+    psf: Psf | None = None,
+    stop: Callable[[], bool] | None = None,
+    memory: Memory,
+) -> FrameResult | None:
+    """Do what :func:`superresolve` does for a frame of ``--temporal swift``.
+
+    Nothing is registered: what has changed lands by its depth maps, which the frames registered
+    before have shown to be right. None where this frame has to be registered: one in
+    ``REGISTER_EVERY``, the first ones of a chain, one of which much has changed or that goes on
+    changing all over, or where depth says too little. What the memory knew is then as it was.
+    """
+    is_turn = frame.frame_index % REGISTER_EVERY == 0
+    if is_turn or not memory.can_land(frame, targets):
+        return None
+    set_threads(settings.threads)
+    clock = Stages(stop)
+    psf = psf or psf_of(settings)
+    view_ids = tuple(view.view_id for view in frame.views)
+    with stoppable(stop):
+        before = memory.seen
+        noise = memory.noise(frame, settings, view_ids)
+        averaged = memory.averaged(frame, noise)
+        shares = [memory.still[target].touched.mean() for target in targets]
+        drifts = memory.drifts(frame, targets, noise)
+        if memory.is_quieter or drifts or max(shares) > MUCH_CHANGED:
+            memory.seen = before
+            return None
+        memory.land(averaged)
+    return _made(averaged, settings, targets, view_ids, psf, noise, memory, SWIFT, clock, stop)
+
+
+def _made(
+    frame: MultiViewFrame,
+    settings: Settings,
+    targets: tuple[str, ...],
+    near: tuple[str, ...],
+    psf: Psf,
+    noise: float,
+    memory: Memory,
+    effort: Effort,
+    clock: Stages,
+    stop: Callable[[], bool] | None,
+) -> FrameResult:
+    """Return the result of a frame whose still parts have been averaged; ``near`` make the rest."""
+    with stoppable(stop):
+        learned = chosen_filters(settings, psf, noise)
+        clock.done("preparation")
         is_refreshed = effort.refresh_every is not None and settings.solver == Solver.FUSED
         known = memory.known_views() if is_refreshed else {}
 
@@ -67,7 +132,14 @@ def restore_frame(
             refresh = in_turn(~still.touched, effort.refresh_every, frame.frame_index)
             due = [Due(wanted=refresh, noise=noise, tuning=STILL)]
             if not effort.alone:
-                due.append(Due(wanted=still.touched, noise=noise, tuning=WARM, views=near))
+                due.append(
+                    Due(
+                        wanted=still.touched,
+                        noise=noise,
+                        tuning=CHANGED if effort.by_depth else WARM,
+                        views=near,
+                    )
+                )
             threshold = settings.residual_threshold or default_residual_threshold(noise)
             return refreshed(
                 made, due, known[target], settings.grid, psf, learned,
@@ -86,6 +158,10 @@ def restore_frame(
             for target, made in found.items()
         }
     clock.done("chroma")
+
+    def share_kept(target: str) -> float:
+        return 1 - float(memory.still[target].touched.mean()) if effort.by_depth else 0.0
+
     report = FrameReport(
         frame_index=frame.frame_index,
         noise_sigma=noise,
@@ -93,7 +169,9 @@ def restore_frame(
         psf_sigma=psf.sigma,
         psf_support=psf.support,
         psf_is_estimated=settings.psf == "auto",
-        targets=tuple(report_restored(target, settings, effort) for target in targets),
+        targets=tuple(
+            report_restored(target, settings, effort, share_kept(target)) for target in targets
+        ),
         effort=effort,
         timings=clock.timings,
     )

@@ -17,17 +17,19 @@ from pipeline.media.layouts import describe_path
 from pipeline.media.scene_source import SceneSource
 from pipeline.metrics import psnr
 from pipeline.run import Tools, run_job
-from pipeline.segments import WARM_UP, WATCHED
+from pipeline.segments import WATCHED, warm_up
 from pipeline.synthetic import SampleScene, write_scene
 
 NUM_FRAMES = 8
 
 
-def _job(manifest: Path, folder: Path, segment_length: int = 4) -> Job:
+def _job(
+    manifest: Path, folder: Path, segment_length: int = 4, temporal: str = "warm"
+) -> Job:  # fmt: skip
     folder.mkdir()
     return Job(
         scene=manifest,
-        settings=Settings(temporal="warm"),
+        settings=Settings(temporal=temporal),
         output=OutputOptions(
             frames_dir=folder / "frames", report=folder / "report.json",
             segment_length=segment_length,
@@ -54,13 +56,14 @@ def whole(manifest, tmp_path_factory):
     return folder
 
 
-def test_the_picture_does_not_jump_where_segments_meet(tmp_path):
+@pytest.mark.parametrize("temporal", ["swift", "warm"])
+def test_the_picture_does_not_jump_where_segments_meet(tmp_path, temporal):
     """The second segment sees nothing of the first frames, which the uncut run began with."""
-    length = WATCHED + WARM_UP + 1
+    length = WATCHED + warm_up(temporal) + 1
     scene = SampleScene(width=192, height=144, num_views=4)
     manifest = write_scene(tmp_path / "scene", scene, num_frames=length + 1, noise_sigma=2.0)
-    run_job(_job(manifest, tmp_path / "cut", segment_length=length))
-    run_job(_job(manifest, tmp_path / "uncut", segment_length=length + 1))
+    run_job(_job(manifest, tmp_path / "cut", length, temporal))
+    run_job(_job(manifest, tmp_path / "uncut", length + 1, temporal))
     cut, uncut = _pictures(tmp_path / "cut"), _pictures(tmp_path / "uncut")
     assert cut.keys() == uncut.keys()
     differing = [name for name in cut if cut[name] != uncut[name]]
@@ -87,8 +90,12 @@ def test_nothing_outside_the_frames_asked_for_is_read(manifest, tmp_path):
     assert read == list(asked)
 
 
-def test_a_resumed_run_equals_an_undisturbed_one(manifest, whole, tmp_path):
-    cut = _job(manifest, tmp_path / "cut")
+@pytest.mark.parametrize("temporal", ["swift", "warm"])
+def test_a_resumed_run_equals_an_undisturbed_one(manifest, whole, tmp_path, temporal):
+    if temporal != "warm":
+        whole = tmp_path / "whole"
+        run_job(_job(manifest, whole, temporal=temporal))
+    cut = _job(manifest, tmp_path / "cut", temporal=temporal)
 
     def die(event):
         if isinstance(event, SegmentFinished):

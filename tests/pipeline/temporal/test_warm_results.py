@@ -192,15 +192,16 @@ def _dissolving(pictures, number):
     return [one + (one[::-1] - one) * np.float32(number / 16) for one in pictures]
 
 
+@pytest.mark.parametrize("temporal", ["swift", "warm"])
 @pytest.mark.parametrize("changed", [_softer, _aside, _dissolving])
-def test_what_changes_slowly_all_over_is_no_worse_than_cold(larger, changed):
+def test_what_changes_slowly_all_over_is_no_worse_than_cold(larger, changed, temporal):
     """From frame to frame most of it seems to stand still."""
     scene, still = larger
     pictures = [
         cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
         for picture in scene.render_all(0.0)
     ]
-    warm, cold = (Worker(_settings(kind), targets=TARGETS) for kind in ("warm", "cold"))
+    warm, cold = (Worker(_settings(kind), targets=TARGETS) for kind in (temporal, "cold"))
     for number in range(10):
         chance, truth = np.random.default_rng(number), changed(pictures, number)
         views = tuple(

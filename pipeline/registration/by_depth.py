@@ -1,0 +1,141 @@
+"""Landing points told by depth maps: what moves is not fitted where depth has proved right.
+
+A frame whose views were fitted has shown at thousands of places at what nearness the parallax
+motion of two views holds. What their depth map has to be corrected by for that, by a bilinear
+function of place and nearness, is learned from those places; where something changes in a later
+frame, its depth map, so corrected, says where it lands. Not in the thesis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from pipeline.frames import Mask, Rejection
+from pipeline.registration import motions
+from pipeline.registration.records import ViewRegistration
+from pipeline.registration.windows import along_parallax, well_fitted
+
+ASKED = 600
+"""Patches that a law is learned from, about."""
+
+FEWEST = 30
+"""Patches below which none is."""
+
+ROUNDS = 6
+"""Re-weightings of its fit."""
+
+CUT = 3.0
+"""Standard deviations from which a patch counts nothing."""
+
+Nearness = npt.NDArray[np.float32]
+"""(H, W), without NaN."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DepthLaw:
+    """What a view's depth map is corrected by so that a parallax motion holds."""
+
+    terms: npt.NDArray[np.float64]
+    """(6,): of 1, d, x, y, x d and y d; d nearness, x and y from −½ to ½ across the view."""
+    spread: float
+    """How far patches land from where it says, standard deviation along the parallax, LR pixels."""
+
+
+def learn_law(registration: ViewRegistration, nearness: Nearness) -> DepthLaw | None:
+    """Return the law of two views, None where too little was fitted.
+
+    Parameters
+    ----------
+    nearness : (H, W) float32
+        Of the view, in the frame in which it was registered.
+    """
+    fitted, parallax = registration.motions, registration.parallax
+    if fitted is None or parallax is None:
+        return None
+    good = np.flatnonzero(well_fitted(fitted))
+    if len(good) < FEWEST:
+        return None
+    some = good[:: max(1, len(good) // ASKED)]
+    x, y, _ = motions.centres(fitted.patches)
+    points = np.stack([x, y], axis=-1)[some]
+    landed = points + fitted.motion[some][:, [0, 6]]
+    height, width = nearness.shape
+    row, column = np.rint(points[:, 1]).astype(int), np.rint(points[:, 0]).astype(int)
+    said = nearness[row, column].astype(float)
+    told = along_parallax(points, landed, said, parallax)
+    told = along_parallax(points, landed, told, parallax)
+    across, down = (points[:, 0] + 0.5) / width - 0.5, (points[:, 1] + 0.5) / height - 0.5
+    basis = np.stack([np.ones(len(some)), said, across, down, across * said, down * said], axis=1)
+    terms, weights = np.zeros(6), np.ones(len(some))
+    deviation = 0.0
+    for _ in range(ROUNDS):
+        weighted = basis * weights[:, None]
+        terms = np.linalg.lstsq(weighted, (told - said) * weights, rcond=None)[0]
+        away = np.abs(told - said - basis @ terms)
+        deviation = 1.4826 * float(np.median(away))
+        weights = np.fmax(0.0, 1 - (away / max(CUT * deviation, 1e-12)) ** 2)
+    speed = np.linalg.norm(parallax.parallax(points[:, 0], points[:, 1], told), axis=-1)
+    return DepthLaw(terms=terms, spread=deviation * float(np.median(speed)))
+
+
+def landed_by_depth(
+    before: ViewRegistration, law: DepthLaw, nearness: Nearness, changed: Mask,
+    reference_shape: tuple[int, int],
+) -> ViewRegistration:  # fmt: skip
+    """Return a registration of which the pixels that have changed land by their depth.
+
+    Their verdict is whether they land inside the reference; the solver weighs the rest of it.
+
+    Parameters
+    ----------
+    changed : (H, W) bool
+    reference_shape : (int, int)
+        Height and width of the reference, LR pixels.
+    """
+    registered, parallax, prior = before.registered, before.parallax, before.prior
+    assert parallax is not None  # both are there where
+    assert prior is not None  # a law was learned
+    position, offset = registered.position.copy(), before.offset.copy()
+    flags = registered.flags.copy()
+    _land(
+        nearness, law.terms, parallax.homography, parallax.epipole, np.float32(prior.offset_mean),
+        *reference_shape, np.uint8(Rejection.OUTSIDE), changed, position, offset, flags,
+    )  # fmt: skip
+    return replace(
+        before, offset=offset, registered=replace(registered, position=position, flags=flags)
+    )
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _land(
+    nearness, terms, homography, epipole, offset, height, width, outside, wanted, position,
+    offsets, flags,
+):  # fmt: skip
+    """Write where some pixels land, their intensity terms and whether they land inside."""
+    rows, columns = nearness.shape
+    for row in range(rows):
+        y = float(row)
+        down = (y + 0.5) / rows - 0.5
+        for column in range(columns):
+            if not wanted[row, column]:
+                continue
+            x = float(column)
+            across = (x + 0.5) / columns - 0.5
+            said = float(nearness[row, column])
+            depth = said + terms[0] + terms[2] * across + terms[3] * down
+            depth += said * (terms[1] + terms[4] * across + terms[5] * down)
+            scale = homography[2, 0] * x + homography[2, 1] * y + homography[2, 2]
+            scale += epipole[2] * depth
+            u = homography[0, 0] * x + homography[0, 1] * y + homography[0, 2] + epipole[0] * depth
+            v = homography[1, 0] * x + homography[1, 1] * y + homography[1, 2] + epipole[1] * depth
+            u /= scale
+            v /= scale
+            position[row, column, 0] = u
+            position[row, column, 1] = v
+            offsets[row, column] = offset
+            is_inside = u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5
+            flags[row, column] = 0 if is_inside else outside

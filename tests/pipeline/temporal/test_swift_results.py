@@ -1,0 +1,220 @@
+"""Swift frames as results: as good as cold ones each by itself, and no ghosts of what has gone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.config import Settings
+from pipeline.errors import ConfigurationError
+from pipeline.metrics import psnr
+from pipeline.superresolve.restore import REGISTER_EVERY
+from pipeline.synthetic import SampleScene
+from pipeline.worker import Worker
+
+NOISE = 2.0
+SCENE = SampleScene(width=128, height=96, num_views=4)
+TARGETS = tuple(SCENE.view_ids[number] for number in SCENE.reference_views)
+FIRST = 4
+"""The first frame of a chain that is not registered."""
+SIDE, STEP = 6, 24
+"""Of the small fast thing: its side, and how far it goes from one frame to the next, LR pixels."""
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    """Frames without noise: what stands still comes out as it does cold. At first all does."""
+    still = SCENE.frame(0)
+    frames = [replace(still, frame_index=number) for number in range(FIRST)]
+    return frames + [replace(SCENE.frame(n), frame_index=FIRST + n) for n in range(4)]
+
+
+def _worker(temporal="swift", **others):
+    settings = Settings(
+        psf_sigma=1.0, noise_sigma=NOISE, sampling="decimation", temporal=temporal, **others
+    )
+    return Worker(settings, targets=TARGETS)
+
+
+def _is_swift(result):
+    return result.report.effort.by_depth
+
+
+def _with_views(frame, change):
+    return replace(frame, views=tuple(map(change, frame.views)))
+
+
+def _with_luma(frame, change):
+    """Return the frame with every view's picture changed."""
+    return _with_views(
+        frame,
+        lambda view: replace(
+            view, luma=np.clip(change(view.luma.copy()), 0, 255).astype(np.float32)
+        ),
+    )
+
+
+def _both(frames):
+    """Return the last of the frames, at the end of a chain of all of them, and cold."""
+    worker = _worker()
+    for frame in frames:
+        ours = worker.take(frame)
+    return ours, _worker("cold").take(frames[-1])
+
+
+@pytest.mark.parametrize("depth", ["true", "stereo"])
+def test_both_eyes_are_as_good_as_cold_in_every_frame(depth):
+    swift, cold = _worker(), _worker("cold")
+    quick = []
+    for number in range(REGISTER_EVERY + 6):
+        frame = SCENE.frame(number, noise_sigma=NOISE, depth=depth)
+        ours, other = swift.take(frame), cold.take(frame)
+        quick.append(_is_swift(ours))
+        for target, place in zip(TARGETS, SCENE.reference_views, strict=True):
+            picture = SCENE.render_hr(place, number / SCENE.fps)
+            truth = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+            scores = [psnr(one.images[target].luma, truth, border=8) for one in (ours, other)]
+            assert scores[0] > scores[1] - 0.05, number
+    assert quick == [
+        number >= FIRST and number != REGISTER_EVERY for number in range(REGISTER_EVERY + 6)
+    ]
+
+
+def test_a_small_fast_thing_leaves_no_ghost_and_is_all_there(quiet):
+    """It jumps by four of its sides: nothing of it may stay behind, nothing of it be missing."""
+
+    def place(number):
+        return 10 + STEP * (number - FIRST), 40
+
+    def shown(number):
+        left, top = place(number)
+
+        def change(luma):
+            if number >= FIRST:
+                luma[top : top + SIDE, left : left + SIDE] = 250
+            return luma
+
+        return _with_luma(quiet[number], change)
+
+    ours, other = _both([shown(number) for number in range(FIRST + 4)])
+    assert _is_swift(ours)
+    for target in TARGETS:
+        difference = np.abs(ours.images[target].luma - other.images[target].luma)
+        for number in range(FIRST, FIRST + 4):
+            left, top = place(number)
+            here = difference[
+                2 * (top - 2) : 2 * (top + SIDE + 2), 2 * (left - 2) : 2 * (left + SIDE + 2)
+            ]
+            assert here.mean() < 2.5, f"where it was in frame {number}"
+            assert here.max() < 30.0
+        assert psnr(ours.images[target].luma, other.images[target].luma) > 40
+
+
+def test_a_flash_in_a_part_of_the_picture_does_not_stay(quiet):
+    """A quarter of the picture flashes in one frame and is as before in the next."""
+
+    def flash(luma):
+        luma[:, 96:] += 70
+        return luma
+
+    flashing = [*quiet[: FIRST + 1], _with_luma(quiet[FIRST + 1], flash), quiet[FIRST + 2]]
+    for count in (1, 0):
+        ours, other = _both(flashing[: len(flashing) - count])
+        assert _is_swift(ours)
+        for target in TARGETS:
+            difference = ours.images[target].luma - other.images[target].luma
+            assert abs(difference[:, 200:].mean()) < 0.3
+            assert psnr(ours.images[target].luma, other.images[target].luma) > 40
+
+
+def _turned(frame):
+    return _with_views(
+        frame,
+        lambda view: replace(
+            view,
+            luma=np.ascontiguousarray(view.luma[::-1]),
+            depth_map=np.ascontiguousarray(view.depth_map[::-1]),
+        ),
+    )
+
+
+def test_after_a_cut_and_one_back_nothing_of_the_other_scene_is_seen(quiet):
+    """The frame of a cut is the cold one, and another chain begins with it."""
+    frames = [*quiet[: FIRST + 1], _turned(quiet[FIRST + 1]), quiet[FIRST + 2]]
+    for count in (1, 0):
+        ours, other = _both(frames[: len(frames) - count])
+        assert all(target.start.is_cut for target in ours.report.targets)
+        for target in TARGETS:
+            assert np.array_equal(ours.images[target].luma, other.images[target].luma)
+
+
+def test_a_flash_of_all_is_a_cut_and_leaves_nothing(quiet):
+    flashed = _with_luma(quiet[FIRST + 1], lambda luma: luma + 60)
+    ours, other = _both([*quiet[: FIRST + 1], flashed, quiet[FIRST + 2]])
+    for target in TARGETS:
+        assert np.array_equal(ours.images[target].luma, other.images[target].luma)
+
+
+def test_a_camera_that_moves_does_what_it_does_warm():
+    """Every frame shows the scene from another place: each is registered."""
+    wide = SampleScene(width=192, height=120, num_views=2)
+
+    def moved(number):
+        def cut(view):
+            column = 6 * number
+            return replace(
+                view,
+                luma=np.ascontiguousarray(view.luma[:, column : column + 128]),
+                depth_map=np.ascontiguousarray(view.depth_map[:, column : column + 128]),
+            )
+
+        return _with_views(wide.frame(number, noise_sigma=NOISE), cut)
+
+    settings = Settings(psf_sigma=1.0, noise_sigma=NOISE, sampling="decimation")
+    swift, warm = (
+        Worker(replace(settings, temporal=kind), targets=wide.view_ids)
+        for kind in ("swift", "warm")
+    )
+    for number in range(FIRST + 3):
+        ours, other = (worker.take(moved(number)) for worker in (swift, warm))
+        assert not _is_swift(ours)
+        for target in wide.view_ids:
+            assert np.array_equal(ours.images[target].luma, other.images[target].luma)
+
+
+def test_without_depth_that_is_right_frames_are_warm_ones(quiet):
+    """Nothing is landed by a depth map that says nothing."""
+
+    def blind(frame):
+        return _with_views(frame, lambda view: replace(view, depth_map=None))
+
+    swift, warm = _worker(), _worker("warm")
+    for frame in quiet[: FIRST + 2]:
+        ours, other = swift.take(blind(frame)), warm.take(blind(frame))
+        assert not _is_swift(ours)
+        for target in TARGETS:
+            assert np.array_equal(ours.images[target].luma, other.images[target].luma)
+
+
+def test_what_a_frame_tried_in_vain_saw_is_forgotten(quiet):
+    """A frame of which half changes is registered as if nobody had looked at it before."""
+
+    def negative(luma):
+        luma[:, :70] = 255 - luma[:, :70]
+        return luma
+
+    changed = _with_luma(quiet[FIRST], negative)
+    swift, warm = _worker(), _worker("warm")
+    for frame in [*quiet[:FIRST], changed]:
+        ours, other = swift.take(frame), warm.take(frame)
+    assert not _is_swift(ours)
+    for target in TARGETS:
+        assert np.array_equal(ours.images[target].luma, other.images[target].luma)
+
+
+def test_frames_around_it_are_not_for_swift_ones():
+    with pytest.raises(ConfigurationError, match="--temporal-window: must be 0 with --temporal sw"):
+        Settings(temporal="swift", temporal_window=1)
