@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 import threading
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -56,6 +56,9 @@ _STEREO_TYPES = {1: "sbs", 2: "tab"}
 
 APPROACH = 2
 """Frames that are decoded at once, at most, of a video that is only drawn level with others."""
+
+_UNEVEN = 0.5
+"""Share of the usual time of a frame by which that of one differs where times are uneven."""
 
 _SEEK_TRIES = 4
 """How many key frames further back are tried where seeking overshoots."""
@@ -175,6 +178,8 @@ class VideoReader:
         self._times = sorted(times) if self._timed else times
         self._keys = sorted(keys)
         self.num_frames = len(times)
+        self.has_uneven_times = self._timed and _are_uneven(self._times)
+        """Whether frames are shown for unequal times, by more than rounding."""
 
     def _check_duration(self, times: list[int], end: int) -> None:
         """Complain where the last frame ends well before the file says that it does."""
@@ -348,6 +353,13 @@ def _said(error: Exception) -> str:
 def _is_hidden(stream: av.VideoStream, packet: av.Packet) -> bool:
     """Tell whether a packet is a VP8 frame that is never shown (RFC 6386, §9.1)."""
     return stream.codec_context.name == "vp8" and not bytes(packet)[0] & 0x10
+
+
+def _are_uneven(times: Sequence[int]) -> bool:
+    """Return whether times, in order, are at distances that differ by more than rounding."""
+    apart = np.diff(times)
+    usual = np.median(apart) if apart.size else 0
+    return bool((np.abs(apart - usual) > _UNEVEN * usual).any())
 
 
 def _stated_duration(stream: av.VideoStream) -> float | None:

@@ -53,6 +53,8 @@ class PictureReader(Protocol):
     """Frames that can be read, from the scene's first frame on."""
     fps: Fraction | None
     """What the file says; None: nothing."""
+    has_uneven_times: bool
+    """Whether the file shows its frames for unequal times."""
     is_still: bool
     """True for a single image file."""
     repeats_line: bool
@@ -130,6 +132,7 @@ class ImageFilesReader:
     """Image files by pattern, or one image."""
 
     repeats_line = False
+    has_uneven_times = False
 
     def __init__(
         self, root: Path, files: ImageFiles, first_frame: int, frame_count: int | None
@@ -235,6 +238,7 @@ class VideoFileReader(_StreamReader):
         super().__init__(video.path, first_frame, video.num_frames)
         self._video = video
         self.fps: Fraction | None = video.fps
+        self.has_uneven_times = video.has_uneven_times
         self.form = PictureForm(
             width=video.width,
             height=video.height,
@@ -301,6 +305,7 @@ class RawVideoReader(_StreamReader):
     """A file of raw frames."""
 
     fps: Fraction | None = None
+    has_uneven_times = False
 
     def __init__(self, path: Path, raw: RawVideo, first_frame: int) -> None:
         self._file = RawVideoFile(

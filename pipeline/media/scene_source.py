@@ -170,6 +170,12 @@ class SceneSource:
         assert description.left is not None
         assert description.right is not None
         fps = self._rate(count, notes)
+        uneven = [view.description.view_id for view in self._views if view.color.has_uneven_times]
+        if uneven:
+            notes.append(
+                f"frames are shown for unequal times in: {', '.join(uneven)}; views are paired by "
+                f"the number of the frame, and the result shows {fps} a second"
+            )
         return SceneInfo(
             path=str(description.source or description.root),
             layout=description.layout,

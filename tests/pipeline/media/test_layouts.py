@@ -401,3 +401,24 @@ def test_what_is_not_known_says_what_is(tmp_path):
         open_scene(tmp_path)
     with pytest.raises(SceneError, match=r"im2\.png: one image; a scene is"):
         open_scene(tmp_path / "im2.png")
+
+
+@pytest.mark.parametrize(
+    ("times", "is_uneven"),
+    [([0, 42, 83, 125, 167], False), ([0, 42, 83, 125, 208, 250], True), ([0], False)],
+)
+def test_frames_at_uneven_times_are_said(tmp_path, times, is_uneven):
+    """They are paired by number, and the result shows as many a second as the file says."""
+    path = tmp_path / "a.mkv"
+    with av.open(str(path), "w") as output:
+        stream = output.add_stream("ffv1", rate=Fraction(24))
+        stream.height, stream.width, stream.pix_fmt = 8, 16, "gray"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for time in times:
+            frame = av.VideoFrame.from_ndarray(np.full((8, 16), 9, np.uint8), "gray")
+            frame.pts, frame.time_base = time, Fraction(1, 1000)
+            output.mux(stream.encode(frame))
+        output.mux(stream.encode())
+    with open_scene(path, input_layout="sbs") as source:
+        said = [note for note in source.info.warnings if "unequal times in: left, right" in note]
+        assert bool(said) == is_uneven
