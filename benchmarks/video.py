@@ -1,8 +1,8 @@
 """``python -m benchmarks.video``: what a stream costs, against so many stills.
 
-Ratios of one run: warm against cold frames on the rendered rig and on ``kitti`` (where
-``DEPTHSR_SCENES`` names the folder of the real scenes), two eyes against one, the whole way from
-sixteen video files to the side-by-side video, and what holding 15 frames a second leaves out.
+Ratios of one run: warm and swift against cold frames on the rendered rig, warm ones on ``kitti``
+(where ``DEPTHSR_SCENES`` names the folder of the real scenes), two eyes against one, the whole way
+from sixteen video files to the side-by-side video, and what holding 15 frames a second leaves out.
 """
 
 from __future__ import annotations
