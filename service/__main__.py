@@ -1,7 +1,17 @@
-"""``python -m service``: the ``depthsr`` command."""
+"""``depthsr``, and ``python -m service``: the command, which may be interrupted as it is loaded."""
 
 import sys
 
-from service.cli import main
 
-sys.exit(main())
+def main() -> int:
+    """Run the command and return its exit status."""
+    try:
+        from service.cli import main as run
+    except KeyboardInterrupt:
+        sys.stderr.write("depthsr: interrupted\n")
+        return 130
+    return run()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

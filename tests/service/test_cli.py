@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+from service.__main__ import main as main_as_loaded
 from service.cli import main, make_parser
 from tests.support.hanging import hanging, wait_until_stopped
 from tests.support.waiting import PATIENCE
@@ -302,3 +303,15 @@ def test_kernels_can_be_compiled_ahead(capsys):
     """What the container's build runs."""
     assert main(["compile", "--quiet"]) == 0
     assert "error" not in capsys.readouterr().err
+
+
+def test_interrupted_as_it_is_loaded_it_ends_as_it_does_later(monkeypatch, capsys):
+    class Interrupting:
+        def find_spec(self, name, *_):
+            if name == "service.cli":
+                raise KeyboardInterrupt
+
+    monkeypatch.delitem(sys.modules, "service.cli", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])
+    assert main_as_loaded() == 130
+    assert capsys.readouterr().err == "depthsr: interrupted\n"
