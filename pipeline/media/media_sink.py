@@ -10,7 +10,6 @@ from typing import Any
 from pipeline.colour import to_grey, to_rgb
 from pipeline.fan_out import fan_out
 from pipeline.job import Segment
-from pipeline.media.coded import coded
 from pipeline.media.encode import Eyes, check_size, join_segments, takes_sound, write_segment
 from pipeline.media.files import check_writable, remove_leftovers
 from pipeline.media.png import png_path, write_png
@@ -172,6 +171,8 @@ class MediaSink:
 
     def _picture(self, image: SuperResolvedImage) -> Picture | Yuv420:
         if self._is_coded and image.chroma is not None:
+            from pipeline.media.coded import coded  # numba, which a service need not load
+
             height = image.luma.shape[0]
             height += height % 2  # as it is coded
             eyes = 2 if self._layout is StereoLayout.TAB else 1
