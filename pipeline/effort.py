@@ -67,8 +67,13 @@ class Effort:
 
     @property
     def registers(self) -> bool:
-        """Whether the motions of views are found, for which their depth is needed."""
+        """Whether the motions of views are found."""
         return self.register and not self.alone
+
+    @property
+    def needs_depth(self) -> bool:
+        """Whether depth maps are looked at."""
+        return self.registers or self.by_depth
 
     @property
     def looks_around(self) -> bool:
@@ -83,6 +88,9 @@ class Effort:
 
 FULL = Effort()
 """Nothing is left out."""
+
+SWIFT = Effort(register=False, by_depth=True, refresh_every=8)
+"""What goes into a frame of ``--temporal swift``."""
 
 
 def nearest_views(

@@ -40,7 +40,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from pipeline.effort import FULL, Effort
+from pipeline.effort import FULL, SWIFT, Effort
 from pipeline.errors import ConfigurationError
 
 Item = TypeVar("Item")
@@ -67,6 +67,9 @@ adds if all that stands still is refreshed."""
 
 KEPT, KEPT_PER_VIEW = 0.05, 0.02
 """What is added where what changes is made by kept motions, and by each view that it is made of."""
+
+LANDED_PER_VIEW = 0.012
+"""What each view adds besides where that lands by its depth."""
 
 ALONE = 0.05
 """The same of one whose eyes are made of themselves alone."""
@@ -130,7 +133,8 @@ class Rung:
         views = num_views if effort.views is None else effort.views
         if not effort.registers:
             work = CHANGED_ALONE + num_views * REFRESH_PER_VIEW / effort.refresh_every
-            return work if effort.alone else work + KEPT + views * KEPT_PER_VIEW
+            landed = LANDED_PER_VIEW if effort.by_depth else 0.0
+            return work if effort.alone else work + KEPT + views * (KEPT_PER_VIEW + landed)
         steps = FULL_STEPS if effort.steps is None else effort.steps
         of_view = PER_VIEW * (1 - REGISTRATION + REGISTRATION / effort.register_every)
         return BASE + views * of_view + steps * PER_STEP
@@ -146,7 +150,7 @@ class Rung:
         if effort.steps is not None:
             parts.append(f"{effort.steps} steps")
         if not effort.register:
-            parts.append("motions kept")
+            parts.append("what changes lands by its depth" if effort.by_depth else "motions kept")
         if effort.register_every > 1:
             parts.append(f"views registered every {effort.register_every} frames")
         if effort.views is not None:
@@ -154,8 +158,11 @@ class Rung:
         return ", ".join(parts) or "full quality"
 
 
-def ladder(num_views: int, num_eyes: int = 2) -> tuple[Rung, ...]:
+def ladder(num_views: int, num_eyes: int = 2, *, has_depth: bool = False) -> tuple[Rung, ...]:
     """Return the rungs from full quality downwards, each with less than the one above it.
+
+    Where all views have depth maps, what changes lands by them in place of views being registered
+    more and more seldom, which costs more and gives less.
 
     >>> for rung in ladder(8):
     ...     print(rung)
@@ -172,16 +179,21 @@ def ladder(num_views: int, num_eyes: int = 2) -> tuple[Rung, ...]:
     what changes alone
     each eye alone, what stands still made again
     each eye alone
+
+    >>> " > ".join(str(rung) for rung in ladder(8, has_depth=True)[1:5])
+    '3 steps > 2 steps > what changes lands by its depth > motions kept'
     """
     efforts = [FULL, *(Effort(steps=steps) for steps in STEPS)]
-    if num_views > 1:
+    if num_views > 1 and has_depth:
+        efforts.append(SWIFT)
+    elif num_views > 1:
         efforts += [replace(efforts[-1], register_every=every) for every in REGISTER_EVERY]
-    counts = [max(num_eyes, round(share * num_views)) for share in VIEWS]
-    efforts += [
-        replace(efforts[-1], views=count)
-        for count, above in zip(counts, (num_views, *counts), strict=False)
-        if count < above
-    ]
+        counts = [max(num_eyes, round(share * num_views)) for share in VIEWS]
+        efforts += [
+            replace(efforts[-1], views=count)
+            for count, above in zip(counts, (num_views, *counts), strict=False)
+            if count < above
+        ]
     if num_views > 1:
         efforts.append(Effort(register=False))
         if 1 < num_eyes < num_views / 2:
@@ -256,6 +268,8 @@ class Controller:
         Views of a frame.
     num_eyes : int
         Eyes that are made, 1 or 2.
+    has_depth : bool
+        Whether all views have depth maps.
 
     Raises
     ------
@@ -266,6 +280,7 @@ class Controller:
     rate: float
     num_views: int
     num_eyes: int = 2
+    has_depth: bool = False
     level: int = field(default=0, init=False)
     """Rung of the next frame."""
     dropped: int = field(default=0, init=False)
@@ -289,7 +304,7 @@ class Controller:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.rate) and self.rate > 0):
             raise ConfigurationError(f"--rate: must be above 0 frames a second, not {self.rate}")
-        self._rungs = ladder(self.num_views, self.num_eyes)
+        self._rungs = ladder(self.num_views, self.num_eyes, has_depth=self.has_depth)
         self._frames = [0] * len(self._rungs)
 
     @property

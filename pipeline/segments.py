@@ -308,6 +308,7 @@ class _Line:
             rate=self.work.job.settings.rate or float(info.fps),
             num_views=len(info.view_ids),
             num_eyes=len(self.work.plan.targets),
+            has_depth=all(info.has_depth),
         )
 
     def read_for(
@@ -327,7 +328,7 @@ class _Line:
                 effort = before = efforts[level]
                 self.levels[number] = level
                 only = None
-                if not effort.registers:
+                if not effort.needs_depth:
                     only = looked_at(effort, source.info.view_ids, targets, number)
                 yield source.read(number, only=only)
 
@@ -438,12 +439,12 @@ def highest_at_hand(
         With which the frame before was read.
     """
     wanted = efforts[level]
-    has_depth = not wanted.registers or source.approach(frame_index, depth=True)
+    has_depth = not wanted.needs_depth or source.approach(frame_index, depth=True)
     has_views = not wanted.looks_around or source.approach(frame_index)
     if not (has_views or before.looks_around):
         return next(level for level, effort in enumerate(efforts) if not effort.looks_around)
-    if not (has_depth or before.registers):
-        return next(level for level, effort in enumerate(efforts) if not effort.registers)
+    if not (has_depth or before.needs_depth):
+        return next(level for level, effort in enumerate(efforts) if not effort.needs_depth)
     return level
 
 
@@ -477,7 +478,7 @@ def hold_rate(
             timings={
                 "decode": item.seconds, **last.report.timings, "frame": work[-1],
             },
-            depth=depth_origin(frame) if rung.effort.registers else {},
+            depth=depth_origin(frame) if rung.effort.needs_depth else {},
             realtime=RealtimeRecord(
                 dropped=choice.drop,
                 rung=str(rung),

@@ -66,19 +66,23 @@ def superresolve(
     Interrupted
         If ``stop`` said so; nothing is returned then.
     """
-    if not effort.registers:
-        return restore_frame(
-            frame, settings, targets=targets, psf=psf, stop=stop, memory=memory, effort=effort
-        )
-    if settings.temporal == "swift" and memory is not None and effort.is_full:
+    is_swift = effort.by_depth or (settings.temporal == "swift" and effort.is_full)
+    if is_swift and memory is not None:
         is_plain = observed_views is None and not (keep_intermediates or neighbours)
         swift = None
         if is_plain and settings.solver == Solver.FUSED:
             swift = swift_frame(
-                frame, settings, targets=targets, psf=psf, stop=stop, memory=memory
+                frame, settings, targets=targets, psf=psf, stop=stop, memory=memory,
+                is_held=effort.by_depth,
             )  # fmt: skip
         if swift is not None:
             return swift
+    if effort.by_depth:
+        effort = FULL
+    if not effort.registers:
+        return restore_frame(
+            frame, settings, targets=targets, psf=psf, stop=stop, memory=memory, effort=effort
+        )
     registered = register_frame(
         frame, settings, targets=targets, observed_views=observed_views, psf=psf,
         keep_intermediates=keep_intermediates, stop=stop, memory=memory, effort=effort,

@@ -9,11 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.config import Settings
-from pipeline.frames import GreyImage, MultiViewFrame, RegisteredView, View
+from pipeline.frames import GreyImage, Mask, MultiViewFrame, RegisteredView, View
 from pipeline.noise import estimate_noise
 from pipeline.reconstruction.alone import Restored
 from pipeline.reconstruction.fused import FusedResult
-from pipeline.registration.again import AGAIN
 from pipeline.registration.by_depth import DepthLaw, landed_by_depth, learn_law
 from pipeline.registration.prepare import cleaned
 from pipeline.registration.register import Previous, ViewRegistration
@@ -39,7 +38,7 @@ QUIETER = 0.7
 of its own."""
 
 
-Seen = tuple[dict[str, Still], dict[str, float], dict[str, tuple[GreyImage, ...]]]
+Seen = tuple[dict[str, Still], dict[str, float], dict[str, tuple[GreyImage, ...]], int]
 """What a look at frames has told: see :attr:`Memory.seen`."""
 
 
@@ -75,11 +74,13 @@ class Memory:
         """Start a new chain: the next frame is computed on its own."""
         self.previous: Previous | None = None
         self.turn = self._stands_since = 0
-        self._found_in = self._last = -1
+        self._found_in = self._last = self._detailed = -1
         self._observed: dict[str, GreyImage] = {}
         self._details: dict[str, tuple[GreyImage, ...]] = {}
         self.still: dict[str, Still] = {}
         self._noise: dict[str, float] = {}
+        self._missed: dict[str, Mask] = {}
+        """By view, what has changed since something landed anew."""
         self._laws: tuple[int, dict[tuple[str, str], DepthLaw | None]] = (-1, {})
         self.is_quieter = False
         """Whether the noise last asked for has fallen so far that what came before it is of no
@@ -87,9 +88,9 @@ class Memory:
 
     def begin_again(self) -> None:
         """Start a new chain in a picture that goes on as it did."""
-        details = self._details
+        details, detailed = self._details, self._detailed
         self.forget()
-        self._details = details
+        self._details, self._detailed = details, detailed
 
     def noise(self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]) -> float:
         """Return the noise of the settings, or that of the frame's views, grey levels.
@@ -126,11 +127,17 @@ class Memory:
         return all(has_moved(frame.view(target).luma, self._observed[target]) for target in targets)
 
     def drifts(self, frame: MultiViewFrame, targets: Sequence[str], noise: float) -> bool:
-        """Return whether a target goes on changing all over; to be asked of each frame once."""
-        self._details |= {
-            target: (*self._details.get(target, ())[1 - KEPT :], detail_of(frame.view(target).luma))
+        """Return whether a target goes on changing all over; to be asked of each frame once.
+
+        Frames that follow one another tell; of others, changes in unlike times would be compared.
+        """
+        follows = frame.frame_index == self._detailed + 1
+        before = self._details if follows else {}
+        self._details = before | {
+            target: (*before.get(target, ())[1 - KEPT :], detail_of(frame.view(target).luma))
             for target in targets
         }
+        self._detailed = frame.frame_index
         return any(goes_on_changing(self._details[target], noise) for target in targets)
 
     def move(self) -> None:
@@ -165,11 +172,11 @@ class Memory:
     @property
     def seen(self) -> Seen:
         """What is known of what stands still, of the noise and of drifts; may be put back."""
-        return self.still, self._noise, dict(self._details)
+        return self.still, self._noise, self._details, self._detailed
 
     @seen.setter
     def seen(self, before: Seen) -> None:
-        self.still, self._noise, self._details = before
+        self.still, self._noise, self._details, self._detailed = before
 
     def laws(self) -> dict[tuple[str, str], DepthLaw | None]:
         """Return, by target and view, what the last registered frame has shown of depth."""
@@ -192,16 +199,28 @@ class Memory:
             self._laws = self.turn, dict(zip(names, found, strict=True))
         return self._laws[1]
 
+    @property
+    def frames_stood(self) -> int:
+        """How many frames were registered since the chain began, or since the rig moved.
+
+        From one to the next motions are found from means of more frames.
+        """
+        return self.turn - self._stands_since
+
+    def miss(self, view_ids: Sequence[str]) -> None:
+        """Note what has changed of views in a frame in which nothing landed anew."""
+        for view_id in view_ids:
+            touched, before = self.still[view_id].touched, self._missed.get(view_id)
+            self._missed[view_id] = touched if before is None else touched | before
+
     def can_land(self, frame: MultiViewFrame, targets: Sequence[str]) -> bool:
         """Return whether what changes in a frame may land by its depth maps.
 
-        That is so of a rig that stands still and whose depth has proved right, after the first
-        frames of a chain, or since it moved, in which motions are found from means of more and
-        more frames.
+        That is so of a rig that stands still and whose depth has proved right.
         """
-        previous, stood = self.previous, self.turn - self._stands_since
+        previous = self.previous
         if (
-            previous is None or previous.has_moved or stood <= max(AGAIN)
+            previous is None or previous.has_moved
             or not self.is_of_size(frame) or set(targets) != set(previous.registrations)
             or any(solved.frames is None for solved in self._solved.values())
         ):  # fmt: skip
@@ -232,15 +251,17 @@ class Memory:
             law = laws.get((target, name))
             if law is None or name not in nearness:
                 return one
-            return landed_by_depth(
-                one, law, nearness[name], self.still[name].touched, views[target].luma.shape
-            )
+            changed = self.still[name].touched
+            if name in self._missed:
+                changed = changed | self._missed[name]
+            return landed_by_depth(one, law, nearness[name], changed, views[target].luma.shape)
 
         registrations = {
             target: map_threads(landed, [(target, one) for one in ones])
             for target, ones in previous.registrations.items()
         }
         self.previous = replace(previous, registrations=registrations)
+        self._missed = {}
 
     def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
         """Take note of a frame that is not computed."""
@@ -282,6 +303,7 @@ class Memory:
         if self.previous is None or found.prepared is not self.previous.prepared:
             self._found_in = frame_index
         self._last = frame_index
+        self._missed = {}
         self.previous = replace(found, turn=self.turn)
         self._observed = observed
 
@@ -307,6 +329,8 @@ class Memory:
         )
         both._observed = {**self._observed, **other._observed}
         both._details = {**other._details, **self._details}
+        both._detailed = self._detailed
+        both._missed = {**other._missed, **self._missed}
         both.still = {**other.still, **self.still}
         both._noise = {**other._noise, **self._noise}
         both._solved = {**self._solved, **other._solved}
@@ -328,7 +352,9 @@ class Memory:
             registrations={target: self.previous.registrations[target] for target in targets},
         )
         part._observed = {target: self._observed[target] for target in targets}
-        part._details = {target: self._details[target] for target in targets}
+        part._details = {name: self._details[name] for name in targets if name in self._details}
+        part._detailed = self._detailed
+        part._missed = dict(self._missed)
         part.still, part._noise = self.still, self._noise
         part._solved = {
             target: image for target, image in self._solved.items() if target in targets

@@ -6,11 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from pipeline.config import Settings, Solver
-from pipeline.effort import FULL, Effort, looked_at, nearest_views
+from pipeline.effort import FULL, SWIFT, Effort, looked_at, nearest_views
 from pipeline.frames import MultiViewFrame
 from pipeline.reconstruction.again import Due
 from pipeline.reconstruction.alone import Restored, refreshed, restored
 from pipeline.reconstruction.psf import Psf
+from pipeline.registration.again import AGAIN
 from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
 from pipeline.superresolve.account import report_restored
 from pipeline.superresolve.choices import chosen_filters, default_residual_threshold, psf_of
@@ -19,9 +20,6 @@ from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import chroma_of
 from pipeline.superresolve.stages import Stages
 from pipeline.threads import map_threads, set_threads, stoppable
-
-SWIFT = Effort(register=False, by_depth=True, refresh_every=8)
-"""What goes into a frame of ``--temporal swift``."""
 
 CHANGED = replace(NEW, settled=0.12)
 """Work on what has changed in such a frame."""
@@ -64,6 +62,7 @@ def restore_frame(
         if noise is None:
             noise = memory.noise(frame, settings, targets)
         frame = memory.averaged(frame, noise)
+        memory.miss(names)
         if any(memory.still[target].touched.mean() > MOSTLY_CHANGED for target in targets):
             memory.move_on()
     return _made(frame, settings, targets, near, psf, noise, memory, effort, clock, stop)
@@ -77,6 +76,7 @@ def swift_frame(
     psf: Psf | None = None,
     stop: Callable[[], bool] | None = None,
     memory: Memory,
+    is_held: bool = False,
 ) -> FrameResult | None:
     """Do what :func:`superresolve` does for a frame of ``--temporal swift``.
 
@@ -84,9 +84,17 @@ def swift_frame(
     before have shown to be right. None where this frame has to be registered: one in
     ``REGISTER_EVERY``, the first ones of a chain, one of which much has changed or that goes on
     changing all over, or where depth says too little. What the memory knew is then as it was.
+
+    Parameters
+    ----------
+    is_held : bool
+        Whether a rate is held: then one registered frame is enough, and none has its turn.
     """
-    is_turn = frame.frame_index % REGISTER_EVERY == 0
-    if is_turn or not memory.can_land(frame, targets):
+    if not is_held and (
+        frame.frame_index % REGISTER_EVERY == 0 or memory.frames_stood <= max(AGAIN)
+    ):
+        return None
+    if not memory.can_land(frame, targets):
         return None
     set_threads(settings.threads)
     clock = Stages(stop)

@@ -125,7 +125,11 @@ class StreamSession:
         self._clock, self._wall = clock, wall
         self._on_status = on_status
         self._frames = LiveFrames(manifest, max_pixels=limits.max_pixels)
-        self._controller = Controller(rate=float(manifest.fps), num_views=len(manifest.view_ids))
+        self._controller = Controller(
+            rate=float(manifest.fps),
+            num_views=len(manifest.view_ids),
+            has_depth=manifest.depth_ids == set(manifest.view_ids),
+        )
         self._eyes: dict[str, Picture] = {}
         """The last pictures."""
         self._latency = Latency()
@@ -303,7 +307,7 @@ class StreamSession:
             {view: item.content for (view, kind), item in assembled.parts.items() if kind is part}
             for part in Part
         )
-        if not effort.registers:
+        if not effort.needs_depth:
             looked = looked_at(
                 effort, self.manifest.view_ids, self.manifest.pair, assembled.frame_index
             )
@@ -319,7 +323,7 @@ class StreamSession:
                 f"cannot be used: {', '.join(named(frozenset(missing)))}",
                 frame=assembled.frame_index,
             )
-        return self._frames.frame(assembled.frame_index, decoded, needs_depth=effort.registers)
+        return self._frames.frame(assembled.frame_index, decoded, needs_depth=effort.needs_depth)
 
     def _superresolved(self, frame: MultiViewFrame, choice: Choice) -> FrameResult:
         """Return the result with the effort chosen; all of it where no rate is to be held."""

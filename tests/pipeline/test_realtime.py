@@ -79,8 +79,9 @@ class Clock:
 
 @pytest.mark.parametrize("num_views", [1, 2, 3, 8])
 @pytest.mark.parametrize("num_eyes", [1, 2])
-def test_each_rung_has_less_than_the_one_above_in_the_stated_order(num_views, num_eyes):
-    rungs = ladder(num_views, num_eyes)
+@pytest.mark.parametrize("has_depth", [False, True])
+def test_each_rung_has_less_than_the_one_above_in_the_stated_order(num_views, num_eyes, has_depth):
+    rungs = ladder(num_views, num_eyes, has_depth=has_depth)
     assert str(rungs[0]) == "full quality"
     infinite = float("inf")
 
@@ -88,6 +89,7 @@ def test_each_rung_has_less_than_the_one_above_in_the_stated_order(num_views, nu
         effort = rung.effort
         return (
             not effort.alone, effort.refresh_every is not None, effort.others, effort.register,
+            effort.by_depth,
             effort.views or infinite, -effort.register_every, effort.steps or infinite,
         )  # fmt: skip
 

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from pipeline.frames import MultiViewFrame, View
+from pipeline.superresolve.memory import Memory
 from pipeline.temporal.drift import KEPT, SPAN, detail_of, goes_on_changing
 
 NOISE = 2.0
@@ -86,3 +88,15 @@ def test_of_a_picture_with_few_blocks_nothing_is_said():
 def test_another_size_is_another_picture():
     details = _details(DRIFTS["pan"], KEPT)
     assert not goes_on_changing([detail[:20] for detail in details[:-1]] + details[-1:], NOISE)
+
+
+@pytest.mark.parametrize(("step", "noticed"), [(1, True), (2, False)])
+def test_only_frames_that_follow_one_another_tell(step, noticed):
+    """Of a stream that lets frames out, changes in unlike times would be compared."""
+    memory, found = Memory(), []
+    for number in range(0, 10 * step, step):
+        luma = _shifted(0.3 * number)
+        views = tuple(View(view_id=name, luma=luma) for name in "lr")
+        frame = MultiViewFrame(frame_index=number, views=views, left="l", right="r")
+        found.append(memory.drifts(frame, ("l", "r"), 0.0))
+    assert any(found) == noticed

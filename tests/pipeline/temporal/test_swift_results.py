@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.config import Settings
+from pipeline.effort import SWIFT, Effort
 from pipeline.errors import ConfigurationError
 from pipeline.metrics import psnr
 from pipeline.superresolve.restore import REGISTER_EVERY
@@ -81,6 +82,52 @@ def test_both_eyes_are_as_good_as_cold_in_every_frame(depth):
     assert quick == [
         number >= FIRST and number != REGISTER_EVERY for number in range(REGISTER_EVERY + 6)
     ]
+
+
+def test_where_a_rate_is_held_one_registered_frame_is_enough():
+    swift, cold = _worker("warm"), _worker("cold")
+    swift.take(SCENE.frame(0, noise_sigma=NOISE))
+    for number in range(1, 6):
+        frame = SCENE.frame(number, noise_sigma=NOISE)
+        ours, other = swift.take(frame, effort=SWIFT), cold.take(frame)
+        assert _is_swift(ours)
+        assert ours.report.effort == SWIFT
+        for target, place in zip(TARGETS, SCENE.reference_views, strict=True):
+            picture = SCENE.render_hr(place, number / SCENE.fps)
+            truth = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+            scores = [psnr(one.images[target].luma, truth, border=8) for one in (ours, other)]
+            assert scores[0] > scores[1] - 0.05, number
+
+
+def test_what_changed_while_motions_were_kept_lands_by_its_depth_afterwards():
+    """It is there at once, and stands still from then on."""
+    first = SCENE.frame(0, noise_sigma=NOISE)
+    later = [
+        replace(SCENE.frame(20, noise_sigma=NOISE, noise_seed=number), frame_index=number)
+        for number in range(1, 11)
+    ]
+    found = []
+    for effort in (SWIFT, Effort(register=False)):
+        worker = _worker("warm")
+        worker.take(first)
+        worker.take(later[0], effort=effort)
+        found.append([worker.take(frame, effort=SWIFT) for frame in later[1:]][-1])
+    at_once, afterwards = found
+    for target in TARGETS:
+        assert psnr(at_once.images[target].luma, afterwards.images[target].luma) > 48
+
+
+@pytest.mark.parametrize("lost", ["nothing is known", "cut"])
+def test_where_a_rate_is_held_and_nothing_can_land_a_frame_is_registered(lost, quiet):
+    worker = _worker("warm")
+    first = quiet[0] if lost == "cut" else None
+    if first is not None:
+        worker.take(first)
+    turned = _turned(replace(quiet[4], frame_index=1))
+    found = worker.take(turned, effort=SWIFT)
+    assert found.report.effort.is_full
+    again = worker.take(_turned(replace(quiet[5], frame_index=2)), effort=SWIFT)
+    assert _is_swift(again)
 
 
 def test_a_small_fast_thing_leaves_no_ghost_and_is_all_there(quiet):
