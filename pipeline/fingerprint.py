@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from pipeline.effort import SWIFT
 from pipeline.job import Job
 from pipeline.media.video_format import view_path
 from pipeline.report import to_plain, versions
 from pipeline.segments import WATCHED, warm_up
 from pipeline.superresolve.due import NEW, STILL, WARM
-from pipeline.superresolve.restore import REGISTER_EVERY, SWIFT
+from pipeline.superresolve.restore import CHANGED, REGISTER_EVERY
 
 RESULT_SETTINGS_IGNORED = frozenset({"threads"})
 """Settings that change the time but not the result, so that a resumed run may differ in them."""
@@ -42,6 +43,7 @@ def make_fingerprint(job: Job, frames: range, targets: tuple[str, ...]) -> dict[
         record["warm-up frames"] = [WATCHED, warm_up(job.settings.temporal)]
     if job.settings.temporal == "swift":
         record |= {f"swift {key}": value for key, value in to_plain(SWIFT).items()}
+        record |= {f"changed {key}": value for key, value in to_plain(CHANGED).items()}
         record["frames from one that is registered to the next"] = REGISTER_EVERY
     record["frames"] = [frames.start, frames.stop]
     record["targets"] = list(targets)

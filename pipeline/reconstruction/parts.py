@@ -204,11 +204,17 @@ def _landing_in(position, boxes, found):
     rows, columns = position.shape[:2]
     half = np.float32(0.5)
     zero, one = np.int64(0), np.int64(1)
+    top = left = np.float32(np.inf)
+    bottom = right = np.float32(-np.inf)
     for k in range(boxes.shape[0]):
         _set_box(found[k], rows, -one, columns, -one)
+        top, bottom = min(top, boxes[k, 0] - half), max(bottom, boxes[k, 1] - half)
+        left, right = min(left, boxes[k, 2] - half), max(right, boxes[k, 3] - half)
     for row in range(0, rows, 3):
         for column in range(0, columns, 3):
             x, y = position[row, column, 0], position[row, column, 1]
+            if not (y > top and y < bottom and x > left and x < right):
+                continue
             for k in range(boxes.shape[0]):
                 if (
                     y > boxes[k, 0] - half and y < boxes[k, 1] - half

@@ -84,7 +84,7 @@ def learn_law(registration: ViewRegistration, nearness: Nearness) -> DepthLaw | 
 
 def landed_by_depth(
     before: ViewRegistration, law: DepthLaw, nearness: Nearness, changed: Mask,
-    reference_shape: tuple[int, int],
+    reference_shape: tuple[int, int], in_place: bool = False,
 ) -> ViewRegistration:  # fmt: skip
     """Return a registration of which the pixels that have changed land by their depth.
 
@@ -95,12 +95,15 @@ def landed_by_depth(
     changed : (H, W) bool
     reference_shape : (int, int)
         Height and width of the reference, LR pixels.
+    in_place : bool
+        Whether the arrays of ``before`` may be written to.
     """
     registered, parallax, prior = before.registered, before.parallax, before.prior
     assert parallax is not None  # both are there where
     assert prior is not None  # a law was learned
-    position, offset = registered.position.copy(), before.offset.copy()
-    flags = registered.flags.copy()
+    position, offset, flags = registered.position, before.offset, registered.flags
+    if not in_place:
+        position, offset, flags = position.copy(), offset.copy(), flags.copy()
     _land(
         nearness, law.terms, parallax.homography, parallax.epipole, np.float32(prior.offset_mean),
         *reference_shape, np.uint8(Rejection.OUTSIDE), changed, position, offset, flags,
@@ -130,10 +133,11 @@ def _land(
             depth += said * (terms[1] + terms[4] * across + terms[5] * down)
             scale = homography[2, 0] * x + homography[2, 1] * y + homography[2, 2]
             scale += epipole[2] * depth
+            share = 1.0 / scale
             u = homography[0, 0] * x + homography[0, 1] * y + homography[0, 2] + epipole[0] * depth
             v = homography[1, 0] * x + homography[1, 1] * y + homography[1, 2] + epipole[1] * depth
-            u /= scale
-            v /= scale
+            u *= share
+            v *= share
             position[row, column, 0] = u
             position[row, column, 1] = v
             offsets[row, column] = offset

@@ -81,6 +81,8 @@ class Memory:
         self._noise: dict[str, float] = {}
         self._missed: dict[str, Mask] = {}
         """By view, what has changed since something landed anew."""
+        self._has_landed = False
+        """Whether landing points are those of such a frame, which nobody else has."""
         self._laws: tuple[int, dict[tuple[str, str], DepthLaw | None]] = (-1, {})
         self.is_quieter = False
         """Whether the noise last asked for has fallen so far that what came before it is of no
@@ -254,14 +256,16 @@ class Memory:
             changed = self.still[name].touched
             if name in self._missed:
                 changed = changed | self._missed[name]
-            return landed_by_depth(one, law, nearness[name], changed, views[target].luma.shape)
+            return landed_by_depth(
+                one, law, nearness[name], changed, views[target].luma.shape, self._has_landed
+            )
 
         registrations = {
             target: map_threads(landed, [(target, one) for one in ones])
             for target, ones in previous.registrations.items()
         }
         self.previous = replace(previous, registrations=registrations)
-        self._missed = {}
+        self._missed, self._has_landed = {}, True
 
     def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
         """Take note of a frame that is not computed."""
@@ -303,7 +307,7 @@ class Memory:
         if self.previous is None or found.prepared is not self.previous.prepared:
             self._found_in = frame_index
         self._last = frame_index
-        self._missed = {}
+        self._missed, self._has_landed = {}, False
         self.previous = replace(found, turn=self.turn)
         self._observed = observed
 

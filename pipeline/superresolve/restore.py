@@ -21,8 +21,8 @@ from pipeline.superresolve.reconstruct import chroma_of
 from pipeline.superresolve.stages import Stages
 from pipeline.threads import map_threads, set_threads, stoppable
 
-CHANGED = replace(NEW, settled=0.12)
-"""Work on what has changed in such a frame."""
+CHANGED = replace(NEW, settled=0.12, hold=4.2)
+"""Work on what has changed in such a frame; at noise 2 every second step weighs the prior anew."""
 
 REGISTER_EVERY = 16
 """One frame in so many is registered there as a warm one is: drift is found and repaired."""
