@@ -35,7 +35,8 @@ class Effort:
 
     by_depth: bool = False
     """True, with ``register`` false: what has changed since then lands by its depth map, which is
-    looked at for that, and not by motions of what was there before."""
+    looked at for that, and not by motions of what was there before. Where nothing can land so, the
+    frame is registered in full."""
 
     register_every: int = 1
     """Frames from one in which a view's motions are found anew to the next, other views having

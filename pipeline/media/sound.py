@@ -75,7 +75,7 @@ class SoundCopy:
         self._zero = started + sound.begin
         self._stream = output.add_stream_from_template(self._source.streams.audio[0])
         self._packets = self._read()
-        self._next = next(self._packets, None)
+        self._next: Any = None
 
     def up_to(self, seconds: Fraction) -> None:
         """Copy what begins before a time, seconds from the first picture written."""
@@ -113,6 +113,11 @@ class SoundCopy:
             ) from error
 
     def __enter__(self) -> SoundCopy:
+        try:
+            self._next = next(self._packets, None)
+        except BaseException:
+            self._source.close()
+            raise
         return self
 
     def __exit__(

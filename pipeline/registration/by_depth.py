@@ -15,9 +15,8 @@ import numpy.typing as npt
 from numba import njit
 
 from pipeline.frames import Mask, Rejection
-from pipeline.registration import motions
 from pipeline.registration.records import ViewRegistration
-from pipeline.registration.windows import along_parallax, well_fitted
+from pipeline.registration.windows import along_parallax, some_landed
 
 ASKED = 600
 """Patches that a law is learned from, about."""
@@ -53,24 +52,19 @@ def learn_law(registration: ViewRegistration, nearness: Nearness) -> DepthLaw | 
     nearness : (H, W) float32
         Of the view, in the frame in which it was registered.
     """
-    fitted, parallax = registration.motions, registration.parallax
-    if fitted is None or parallax is None:
+    parallax = registration.parallax
+    found = some_landed(registration, FEWEST, ASKED)
+    if parallax is None or found is None:
         return None
-    good = np.flatnonzero(well_fitted(fitted))
-    if len(good) < FEWEST:
-        return None
-    some = good[:: max(1, len(good) // ASKED)]
-    x, y, _ = motions.centres(fitted.patches)
-    points = np.stack([x, y], axis=-1)[some]
-    landed = points + fitted.motion[some][:, [0, 6]]
+    points, landed = found
     height, width = nearness.shape
     row, column = np.rint(points[:, 1]).astype(int), np.rint(points[:, 0]).astype(int)
     said = nearness[row, column].astype(float)
     told = along_parallax(points, landed, said, parallax)
     told = along_parallax(points, landed, told, parallax)
     across, down = (points[:, 0] + 0.5) / width - 0.5, (points[:, 1] + 0.5) / height - 0.5
-    basis = np.stack([np.ones(len(some)), said, across, down, across * said, down * said], axis=1)
-    terms, weights = np.zeros(6), np.ones(len(some))
+    basis = np.stack([np.ones(len(said)), said, across, down, across * said, down * said], axis=1)
+    terms, weights = np.zeros(6), np.ones(len(said))
     deviation = 0.0
     for _ in range(ROUNDS):
         weighted = basis * weights[:, None]

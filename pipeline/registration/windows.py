@@ -348,22 +348,38 @@ def along_parallax(
     return nearness + (away * derivative).sum(axis=1) / length2
 
 
+def some_landed(
+    before: ViewRegistration, fewest: int, asked: int
+) -> tuple[npt.NDArray, npt.NDArray] | None:
+    """Return centres of well fitted windows and where they land, x and y, (M, 2) each, LR pixels.
+
+    None where there are fewer than ``fewest``; about ``asked`` of them where there are more.
+    """
+    fitted = before.motions
+    if fitted is None:
+        return None
+    good = np.flatnonzero(well_fitted(fitted))
+    if len(good) < fewest:
+        return None
+    some = good[:: max(1, len(good) // asked)]
+    x, y, _ = motions.centres(fitted.patches)
+    points = np.stack([x, y], axis=-1)[some]
+    return points, points + fitted.motion[some][:, [0, 6]]
+
+
 def depth_fits(source: PreparedView, before: ViewRegistration) -> bool:
     """Return whether a view's depth map is in the unit of the frame before's parallax motion.
 
     Compared are the middle and the ends of what the depth map says at the centres of that frame's
     windows, and of what their motions tell. True where that frame tells nothing.
     """
-    fitted, parallax = before.motions, before.parallax
-    if fitted is None or parallax is None or source.depth_range == 0:
+    parallax = before.parallax
+    if parallax is None or source.depth_range == 0:
         return True
-    good = np.flatnonzero(well_fitted(fitted))
-    if len(good) < FEWEST_PATCHES:
+    found = some_landed(before, FEWEST_PATCHES, PATCHES_ASKED)
+    if found is None:
         return True
-    some = good[:: max(1, len(good) // PATCHES_ASKED)]
-    x, y, _ = motions.centres(fitted.patches)
-    points = np.stack([x, y], axis=-1)[some]
-    landed = points + fitted.motion[some][:, [0, 6]]
+    points, landed = found
     said = _nearness_at(source, points)
     told = along_parallax(points, landed, said, parallax)
     ends = [np.percentile(nearness, (10, 50, 90)) for nearness in (said, told)]
