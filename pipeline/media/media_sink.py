@@ -73,11 +73,7 @@ class MediaSink:
         for path in self._outputs().values():
             check_writable(path)
             remove_leftovers(path)
-        folder = self.plan.options.frames_dir
-        if folder is not None:
-            for name in self.plan.picture_names.values():
-                for leftover in folder.glob(f".{_literal(name)}-[0-9]*.png.*.tmp"):
-                    leftover.unlink(missing_ok=True)
+        self._remove_half_pictures()
 
     def write_segment(
         self, segment: Segment, stem: Path, results: Iterable[FrameResult]
@@ -118,8 +114,16 @@ class MediaSink:
             join_segments(segments, output, self._format, self._sound)
             written.append(output)
         if self.plan.options.frames_dir is not None:
+            self._remove_half_pictures()  # of a worker that was killed, whose segment another made
             written.append(self.plan.options.frames_dir)
         return written
+
+    def _remove_half_pictures(self) -> None:
+        folder = self.plan.options.frames_dir
+        if folder is not None:
+            for name in self.plan.picture_names.values():
+                for leftover in folder.glob(f".{_literal(name)}-[0-9]*.png.*.tmp"):
+                    leftover.unlink(missing_ok=True)
 
     def _outputs(self) -> dict[str, Path]:
         """Return the final video files by view id; one file of all views has the id ''."""

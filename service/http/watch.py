@@ -210,7 +210,7 @@ def _view_of_air(programme: _Programme, name: str) -> TrackView | None:
 
 
 def _addresses(programme: _Programme, track: str) -> dict[str, Any]:
-    on_air = programme.on_air(track)
+    on_air = None if programme.ended else programme.on_air(track)
     return {
         "playlist": programme.address(track, "index.m3u8"),
         "live": None if on_air is None or on_air.ended else programme.address(track, "live"),

@@ -166,6 +166,8 @@ def test_a_worker_killed_in_the_middle_costs_a_retry_and_no_bit(cluster, manifes
         if isinstance(event, FrameFinished) and doomed.poll() is None:
             doomed.kill()  # both workers are in the middle of a segment
             doomed.wait()
+            # as if it had been in the middle of a picture, too
+            (job.output.frames_dir / ".left-000000.png.0123456789ab.tmp").write_bytes(b"half")
 
     with ClusterEngine(cluster.address, patience=PATIENCE) as engine:
         engine.wait_for_workers(2, PATIENCE)

@@ -24,6 +24,8 @@ from pipeline.stereo import StereoLayout
 from service.app import create_app
 from service.config import ServiceConfig
 from service.live.fragments import Fragment, Init, Splitter
+from service.live.job_watch import JobWatch
+from service.live.track import TrackInfo, TrackWriter
 from tests.service.http.test_api import follow, is_problem
 from tests.support.waiting import PATIENCE, until
 
@@ -196,6 +198,35 @@ def test_a_stream_by_hls_and_stills(on_air):
             while b"\r\n--picture" not in seen_bytes:
                 seen_bytes += next(chunks)
         assert api.get(f"{where}/result/segment-000099.m4s").status_code == 404
+
+
+def test_a_job_that_ended_offers_no_live_edge_though_its_worker_still_hangs_up(
+    tmp_path, tiny_scene
+):
+    roots = (tiny_scene.parent,)
+    config = ServiceConfig(data=tmp_path / "data", workers=0, zenoh="off", roots=roots)
+    with (
+        OnAir(config) as station,
+        httpx.Client(base_url=f"http://{station.address}", timeout=PATIENCE) as api,
+    ):
+        job = api.post("/api/v1/jobs", json={"scene": "tiny"}).json()["id"]
+        watch = JobWatch(config.data, station.app.state.broadcasts)
+        folder = config.data / "jobs" / job / "watch" / "result"
+        info = TrackInfo(fps="15/1", layout="sbs", eye_width=32, eye_height=32, first_frame=0)
+        writer = TrackWriter(
+            folder, info, number=0, frame=0, crf=20,
+            on_piece=lambda number: watch.take(job, {"track": "result", "number": number}),
+        )  # fmt: skip
+        writer.add(station.picture)
+        writer.finish()
+        where = f"/api/v1/jobs/{job}/watch"
+        growing = api.get(where).json()
+        assert growing["state"] == "growing"
+        assert growing["tracks"]["result"]["live"] == f"{where}/result/live"
+        assert api.post(f"/api/v1/jobs/{job}/cancel").json()["state"] == "cancelled"
+        ended = api.get(where).json()
+        assert ended["state"] == "ended"
+        assert ended["tracks"]["result"]["live"] is None
 
 
 def test_fifty_viewers_of_whom_one_never_reads(on_air):
