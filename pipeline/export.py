@@ -16,6 +16,7 @@ from typing import Any
 from pipeline.errors import OutputError
 from pipeline.events import Event, FrameFinished, JobFinished, JobStarted, Joining, SegmentFinished
 from pipeline.job import OutputOptions, Segment, cut_segments
+from pipeline.media.colorimetry import Colorimetry
 from pipeline.media.decode import VideoReader
 from pipeline.media.encode import Eyes, join_segments, takes_sound, write_segment
 from pipeline.media.files import check_folder_writable, check_writable, remove_leftovers
@@ -65,16 +66,7 @@ def export(
     stop = stop or StopFlag()
     layout = StereoLayout(output.layout)
     _check(master, layout)
-    video_format = None
     if output.output is not None:
-        video_format = VideoFormat.for_path(
-            output.output,
-            layout=layout,
-            fps=master.fps,
-            codec=None if output.codec is None else VideoCodec(output.codec),
-            crf=output.quality,
-            pixel_aspect=master.pixel_aspect,
-        )
         check_writable(output.output)
         remove_leftovers(output.output)
     if output.frames_dir is not None:
@@ -82,6 +74,7 @@ def export(
     anchor = output.output or output.frames_dir
     assert anchor is not None  # OutputOptions has seen to it
     with contextlib.closing(VideoReader(master.path)) as reader:
+        video_format = _video_format(master, output, reader.colorimetry)
         frames = range(master.first_frame, master.first_frame + reader.num_frames)
         segments = cut_segments(frames, output.segment_length)
         with WorkFolder(work_folder_of(anchor), _fingerprint(output), resume=True) as folder:
@@ -101,7 +94,7 @@ def export(
                     stop.check()
                     eyes = _eyes(master, layout, reader.stored(frame - frames.start))
                     if output.frames_dir is not None:
-                        _write_pictures(output.frames_dir, layout, eyes, frame)
+                        _write_pictures(output.frames_dir, layout, eyes, frame, reader.colorimetry)
                     yield eyes
                     done += 1
                     on_event(FrameFinished(frame_index=frame, done=done, total=len(frames)))
@@ -127,6 +120,23 @@ def export(
             folder.remove()
     on_event(JobFinished(seconds=0.0))
     return len(frames)
+
+
+def _video_format(
+    master: Master, output: OutputOptions, colorimetry: Colorimetry
+) -> VideoFormat | None:
+    """Return what kind of video is written, if one is."""
+    if output.output is None:
+        return None
+    return VideoFormat.for_path(
+        output.output,
+        layout=StereoLayout(output.layout),
+        fps=master.fps,
+        codec=None if output.codec is None else VideoCodec(output.codec),
+        crf=output.quality,
+        pixel_aspect=master.pixel_aspect,
+        colorimetry=colorimetry,
+    )
 
 
 def _check(master: Master, layout: StereoLayout) -> None:
@@ -173,7 +183,9 @@ def _eyes(master: Master, layout: StereoLayout, picture: Any) -> Eyes:
     return left, right
 
 
-def _write_pictures(folder: Path, layout: StereoLayout, eyes: Eyes, frame: int) -> None:
+def _write_pictures(
+    folder: Path, layout: StereoLayout, eyes: Eyes, frame: int, colorimetry: Colorimetry
+) -> None:
     names = ("left", "right") if len(eyes) == 2 else (layout.value,)
     for name, picture in zip(names, eyes, strict=True):
-        write_png(png_path(folder, name, frame), picture)
+        write_png(png_path(folder, name, frame), picture, colorimetry)

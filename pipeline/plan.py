@@ -17,7 +17,7 @@ from pipeline.media.info import SceneInfo, Sound
 from pipeline.media.png import png_path
 from pipeline.media.sound import sound_codec
 from pipeline.media.source import FrameSource
-from pipeline.media.video_format import container_of, video_paths
+from pipeline.media.video_format import CODECS, VideoCodec, container_of, video_paths
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.sink import OutputPlan
 from pipeline.stereo import StereoLayout
@@ -38,6 +38,8 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
     hr_shape = grid.hr_shape(info.lr_shape)
     _check_psf(job.settings, hr_shape)
     sound, warnings = _sound(job, info)
+    if job.output.output is not None and info.colorimetry.is_hdr and _is_vp9(job.output):
+        warnings += (f"{job.output.output}: vp9 keeps 8 bits, few for high dynamic range: av1 10",)
     return OutputPlan(
         options=replace(job.output, layout=layout),
         targets=targets,
@@ -51,6 +53,7 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
         pixel_aspect=_pixel_aspect(info, grid),
         between=place,
         is_realtime=job.settings.realtime,
+        colorimetry=info.colorimetry,
         sound=sound,
         warnings=warnings,
     )
@@ -73,6 +76,11 @@ def _sound(job: Job, info: SceneInfo) -> tuple[Sound | None, tuple[str, ...]]:
         return sound, ()
     codec = sound_codec(info.sound)
     return sound, (f"{job.output.output}: a .{container} file takes no {codec} sound: it has none",)
+
+
+def _is_vp9(output: OutputOptions) -> bool:
+    assert output.output is not None
+    return (output.codec or CODECS[container_of(output.output)][0]) == VideoCodec.VP9
 
 
 def _pixel_aspect(info: SceneInfo, grid: Grid) -> Fraction:

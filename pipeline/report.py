@@ -168,6 +168,8 @@ def make_report(
             "fps": to_plain(info.fps),
             "bit_depth": info.bit_depth,
             "is_color": info.is_color,
+            "primaries": info.colorimetry.names[0],
+            "transfer": info.colorimetry.names[1],
             "depth": {view_id: _one_or_mixed(origins) for view_id, origins in depth.items()},
         },
         "settings": grid_settings,

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import Protocol
@@ -15,6 +15,7 @@ from typing import Protocol
 from pipeline.frames import Place
 from pipeline.grid import Grid
 from pipeline.job import OutputOptions, Segment
+from pipeline.media.colorimetry import Colorimetry
 from pipeline.media.info import Sound
 from pipeline.results import FrameResult
 
@@ -44,6 +45,8 @@ class OutputPlan:
     """Where the one target lies, if it is a view between two cameras."""
     is_realtime: bool = False
     """Whether it is written at the pace of a live stream."""
+    colorimetry: Colorimetry = field(default_factory=Colorimetry)
+    """What is said of the pictures' RGB."""
     sound: Sound | None = None
     """What goes along with the pictures, into files of a kind that takes it."""
     warnings: tuple[str, ...] = ()

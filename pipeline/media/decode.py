@@ -23,23 +23,23 @@ import numpy.typing as npt
 
 from pipeline.colour import Picture, picture_from_rgb
 from pipeline.errors import SceneError
+from pipeline.media.colorimetry import Colorimetry, LightLevel, MasteringDisplay
+from pipeline.media.ycbcr import YcbcrMatrix, matrix_for
 from pipeline.media.yuv import (
-    Matrix,
     PlanarFormat,
     Range,
-    default_matrix,
     parse_pixel_format,
     picture_from_planes,
     stored_values,
 )
 
 _MATRICES = {
-    1: Matrix.BT709,
-    4: Matrix.BT601,
-    5: Matrix.BT601,
-    6: Matrix.BT601,
-    9: Matrix.BT2020,
-    10: Matrix.BT2020,
+    1: YcbcrMatrix.BT709,
+    4: YcbcrMatrix.BT601,
+    5: YcbcrMatrix.BT601,
+    6: YcbcrMatrix.BT601,
+    9: YcbcrMatrix.BT2020,
+    10: YcbcrMatrix.BT2020,
 }
 """ISO/IEC 23091-2 matrix coefficients to ours; others are taken for the default."""
 
@@ -134,6 +134,9 @@ class VideoReader:
         aspect = stream.sample_aspect_ratio
         self.pixel_aspect = Fraction(aspect.numerator, aspect.denominator) if aspect else None
         self.stereo = _stereo_tag(stream, first)
+        self.colorimetry = _colorimetry(first)
+        self.is_interlaced = bool(first.interlaced_frame)
+        """Whether the two fields of a frame were taken one after the other."""
         self._pending, self._next = first, 0
 
     def _list_packets(self) -> None:
@@ -396,6 +399,34 @@ def _stereo_tag(stream: av.VideoStream, first: av.VideoFrame) -> StereoTag | Non
     return None
 
 
+def _colorimetry(first: av.VideoFrame) -> Colorimetry:
+    mastering = light_level = None
+    for data in first.side_data:
+        kind = data.type.name  # type: ignore[attr-defined]  # typed as a mapping
+        if kind == "MASTERING_DISPLAY_METADATA":
+            mastering = _mastering_display(bytes(data))  # type: ignore[arg-type]
+        elif kind == "CONTENT_LIGHT_LEVEL":
+            pixel, frame = struct.unpack_from("<II", bytes(data))  # type: ignore[arg-type]
+            light_level = LightLevel(pixel=pixel, frame=frame)
+    return Colorimetry.told(
+        int(first.color_primaries), int(first.color_trc), mastering, light_level
+    )  # fmt: skip
+
+
+def _mastering_display(data: bytes) -> MasteringDisplay | None:
+    """Return what FFmpeg's AVMasteringDisplayMetadata says; None where a part is missing."""
+    *numbers, has_primaries, has_luminance = struct.unpack_from("<22i", data)
+    if not (has_primaries and has_luminance and all(numbers[1::2])):
+        return None
+    red_x, red_y, green_x, green_y, blue_x, blue_y, white_x, white_y, darkest, brightest = (
+        Fraction(*pair) for pair in zip(numbers[::2], numbers[1::2], strict=True)
+    )
+    return MasteringDisplay(
+        red=(red_x, red_y), green=(green_x, green_y), blue=(blue_x, blue_y),
+        white=(white_x, white_y), darkest=darkest, brightest=brightest,
+    )  # fmt: skip
+
+
 def _planar(frame: av.VideoFrame) -> tuple[av.VideoFrame, PlanarFormat | None]:
     """Return the frame with planes we can read, and their format; None: RGB."""
     name = frame.format.name
@@ -441,7 +472,7 @@ def _picture(frame: av.VideoFrame) -> Picture:
         deep = max(component.bits for component in frame.format.components) > 8
         rgb = frame.to_ndarray(format="rgb48le" if deep else "rgb24")
         return picture_from_rgb(rgb, 65535.0 if deep else 255.0)
-    matrix = _MATRICES.get(int(frame.colorspace)) or default_matrix(frame.height)
+    matrix = _MATRICES.get(int(frame.colorspace)) or matrix_for(frame.height)
     value_range = _range_of(frame, layout, Range.LIMITED)
     return picture_from_planes(_planes(planar, layout), layout, matrix, value_range)
 

@@ -29,12 +29,13 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.errors import OutputError
+from pipeline.media.colorimetry import Colorimetry, MasteringDisplay
 from pipeline.media.files import atomic_path, output_error
 from pipeline.media.info import Sound
 from pipeline.media.matroska import set_eye_shape
 from pipeline.media.sound import SoundCopy, holds_sound
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
-from pipeline.media.ycbcr import YcbcrMatrix, Yuv420, matrix_for, to_yuv420
+from pipeline.media.ycbcr import MATRIX_CODES, YcbcrMatrix, Yuv420, matrix_for, to_yuv420
 from pipeline.stereo import Picture, StereoLayout, pack, pad_to_multiple
 
 Eyes = tuple[Picture, Picture] | tuple[Picture]
@@ -355,7 +356,7 @@ class _SegmentEncoder:
             os.environ.setdefault("SVT_LOG", "0")
         if fmt.is_quick:
             options = options | _QUICK.get(codec, {})
-        options = options | _quality_options(fmt, picture) | _x264_options(fmt)
+        options = options | _quality_options(fmt, picture) | _codec_parameters(fmt)
         self._pixels = pixels = _pixels_for(picture, fmt)
         self._container = av.open(
             str(self._temporary), "w", format="matroska", options=dict(_BITEXACT)
@@ -372,7 +373,7 @@ class _SegmentEncoder:
         context.thread_count = ENCODER_THREADS
         context.thread_type = "AUTO"
         context.sample_aspect_ratio = _sample_aspect(fmt)
-        _tag_colours(context, pixels)
+        _tag_colours(context, pixels, fmt.colorimetry)
         with _scheduling_kept():
             context.open()
 
@@ -494,7 +495,12 @@ def _pixels_for(picture: Picture | Yuv420, video_format: VideoFormat) -> _Pixels
         name = _LOSSLESS_PIXELS[source_bits, len(picture.shape) == 2]
         return _Pixels(name=name, coded_bits=coded_bits, matrix=None)
     name = "yuv420p" if coded_bits == 8 else "yuv420p10le"
-    matrix = picture.matrix if isinstance(picture, Yuv420) else matrix_for(picture.shape[0])
+    primaries = video_format.colorimetry.primaries
+    matrix = (
+        picture.matrix
+        if isinstance(picture, Yuv420)
+        else matrix_for(picture.shape[0], primaries)
+    )  # fmt: skip
     return _Pixels(name=name, coded_bits=coded_bits, matrix=matrix)
 
 
@@ -505,14 +511,44 @@ def _quality_options(video_format: VideoFormat, picture: Picture | Yuv420) -> di
     return {"g": str(KEYFRAME_INTERVAL), "crf": str(video_format.quality)}
 
 
-def _x264_options(video_format: VideoFormat) -> dict[str, str]:
-    """Return x264's own options; frame packing is signalled by SEI (ITU-T H.264 D.1.26)."""
+def _codec_parameters(video_format: VideoFormat) -> dict[str, str]:
+    """Return the options that only one encoder knows.
+
+    Frame packing is signalled by SEI (ITU-T H.264 D.1.26), as is the light of the mastering
+    display; in AV1 that is metadata of the stream.
+    """
+    said = video_format.colorimetry
+    if video_format.codec is VideoCodec.AV1:
+        parameters = []
+        if said.mastering is not None:
+            parameters.append(f"mastering-display={_mastering(said.mastering, 1, 1)}")
+        if said.light_level is not None:
+            parameters.append(f"content-light={said.light_level.pixel},{said.light_level.frame}")
+        return {"svtav1-params": ":".join(parameters)} if parameters else {}
     if video_format.codec is not VideoCodec.H264:
         return {}
     parameters = ["b-pyramid=none", _EXACT_X264]
     if video_format.layout.packed:
         parameters.append(f"frame-packing={3 if video_format.layout.side_by_side else 4}")
+    if said.mastering is not None:
+        parameters.append(f"mastering-display={_mastering(said.mastering, 50_000, 10_000)}")
+    if said.light_level is not None:
+        parameters.append(f"cll={said.light_level.pixel},{said.light_level.frame}")
     return {"x264-params": ":".join(parameters)}
+
+
+def _mastering(display: MasteringDisplay, per_one: int, per_nit: int) -> str:
+    """Return a display as encoders are told of it, in parts of 1 and of 1 cd/m²."""
+
+    def text(value: Fraction, parts: int) -> str:
+        return f"{float(value):.5f}" if parts == 1 else str(round(value * parts))
+
+    points = {"G": display.green, "B": display.blue, "R": display.red, "WP": display.white}
+    places = [
+        f"{name}({text(x, per_one)},{text(y, per_one)})" for name, (x, y) in points.items()
+    ]  # fmt: skip
+    light = ",".join(text(value, per_nit) for value in (display.brightest, display.darkest))
+    return f"{''.join(places)}L({light})"
 
 
 def _sample_aspect(video_format: VideoFormat) -> Fraction:
@@ -523,21 +559,21 @@ def _sample_aspect(video_format: VideoFormat) -> Fraction:
     return aspect * 2 if layout.side_by_side else aspect / 2
 
 
-def _tag_colours(context: Any, pixels: _Pixels) -> None:
+def _tag_colours(context: Any, pixels: _Pixels, colorimetry: Colorimetry) -> None:
     """Say what the samples mean, in the code points of ITU-T H.273.
 
-    Primaries and transfer are those of BT.709 at every size: the pictures that
-    come in are sRGB-like, and only the matrix is a choice of ours.
+    Primaries and transfer are those of the pictures that came in, and only the matrix is a
+    choice of ours.
     """
-    limited, full, rgb, bt709, unspecified, smpte170m = 1, 2, 0, 1, 2, 6
-    context.color_primaries = bt709
-    context.color_trc = bt709
+    limited, full, rgb, unspecified = 1, 2, 0, 2
+    context.color_primaries = colorimetry.primaries
+    context.color_trc = colorimetry.transfer
     if pixels.matrix is None:
         context.color_range = full
         context.colorspace = unspecified if pixels.name.startswith("gray") else rgb
     else:
         context.color_range = limited
-        context.colorspace = bt709 if pixels.matrix is YcbcrMatrix.BT709 else smpte170m
+        context.colorspace = MATRIX_CODES[pixels.matrix]
 
 
 def _open_segment(path: Path) -> Any:

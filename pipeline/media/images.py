@@ -12,7 +12,7 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.errors import SceneError
+from pipeline.media.colorimetry import Colorimetry
 
 IMAGE_SUFFIXES = frozenset(
     {".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".pnm", ".pfm", ".tif", ".tiff"}
@@ -43,6 +44,8 @@ class ImageHeader:
     peak: float
     """Stored value of white: 255, 65535, the PNM maximum; 1 for floating point."""
     is_float: bool = False
+    colorimetry: Colorimetry = field(default_factory=Colorimetry)
+    """What PNG's cICP chunk says."""
 
     @property
     def bit_depth(self) -> int:
@@ -242,7 +245,20 @@ def _png_header(data: bytes) -> ImageHeader:
         height=height,
         channels=1 if colour in (0, 4) else 3,
         peak=65535.0 if depth == 16 else 255.0,
+        colorimetry=_png_colorimetry(data),
     )
+
+
+def _png_colorimetry(data: bytes) -> Colorimetry:
+    """Return what a cICP chunk says (PNG, third edition, 11.3.2.6), if there is one."""
+    at, name = 8, b""
+    while name != b"IDAT" and at + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        name = data[at + 4 : at + 8]
+        if name == b"cICP" and length == 4 and at + 10 <= len(data):
+            return Colorimetry.told(data[at + 8], data[at + 9])
+        at += 12 + length
+    return Colorimetry()
 
 
 def _check_png(data: bytes) -> ImageHeader:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+
+from pipeline.media.colorimetry import Colorimetry
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +59,8 @@ class SceneInfo:
     ½ for halves of half-height top-bottom video."""
     input_layout: str | None = None
     """``sbs``, ``half-sbs``, ``tab`` or ``half-tab`` where two views share one picture."""
+    colorimetry: Colorimetry = field(default_factory=Colorimetry)
+    """What is said of the pictures' RGB: that of the left eye where views differ."""
     sound: Path | None = None
     """The video file whose sound belongs to the scene, if any."""
     warnings: tuple[str, ...] = ()

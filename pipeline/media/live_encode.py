@@ -19,12 +19,13 @@ import av
 import numpy as np
 
 from pipeline.errors import OutputError
+from pipeline.media.colorimetry import Colorimetry
 from pipeline.media.files import Outlet
-from pipeline.media.ycbcr import YcbcrMatrix, to_yuv420
+from pipeline.media.ycbcr import HD_LINES, MATRIX_CODES, matrix_for, to_yuv420
 from pipeline.stereo import Picture, StereoLayout
 
-_LIMITED, _BT709 = 1, 1
-"""Code points of ITU-T H.273."""
+_LIMITED = 1
+"""Of FFmpeg's ranges."""
 
 _MUXER = {
     "movflags": "+frag_every_frame+empty_moov+default_base_moof",
@@ -58,6 +59,8 @@ class LiveEncoder:
         Quality of x264, 0 (lossless) … 51.
     preset : str
         Of x264. ``superfast`` codes 2048×768 at 80 frames a second on two cores.
+    colorimetry : Colorimetry, optional
+        What is said of the pictures' RGB; BT.709 if left out.
 
     Examples
     --------
@@ -69,14 +72,18 @@ class LiveEncoder:
     """
 
     def __init__(
-        self, *, fps: Fraction, layout: StereoLayout, crf: int = 20, preset: str = "superfast"
-    ) -> None:
+        self, *, fps: Fraction, layout: StereoLayout, crf: int = 20, preset: str = "superfast",
+        colorimetry: Colorimetry | None = None,
+    ) -> None:  # fmt: skip
         if fps <= 0:
             raise OutputError(f"a live stream of {fps} frames a second: give a rate above 0")
         self._fps = fps
         self._layout = layout
         self._crf = crf
         self._preset = preset
+        self._colorimetry = colorimetry or Colorimetry()
+        # the same at all sizes: browsers read the tag
+        self._matrix = matrix_for(HD_LINES, self._colorimetry.primaries)
         self._outlet = Outlet()
         self._container: Any = None
         self._stream: Any = None
@@ -115,7 +122,7 @@ class LiveEncoder:
         if frame_index <= self._last:
             raise OutputError(f"frame {frame_index} comes after frame {self._last}; drop it")
         self._last = frame_index
-        planes = to_yuv420(picture, YcbcrMatrix.BT709, coded_bits=8)
+        planes = to_yuv420(picture, self._matrix, coded_bits=8)
         height, width = planes[0].shape
         flat = np.concatenate([plane.ravel() for plane in planes])
         frame = av.VideoFrame.from_ndarray(flat.reshape(height * 3 // 2, width), format="yuv420p")
@@ -155,7 +162,9 @@ class LiveEncoder:
         context.width, context.height, context.pix_fmt = width, height, "yuv420p"
         context.time_base = 1 / self._fps
         context.color_range = _LIMITED
-        context.colorspace = context.color_primaries = context.color_trc = _BT709
+        context.colorspace = MATRIX_CODES[self._matrix]
+        context.color_primaries = self._colorimetry.primaries
+        context.color_trc = self._colorimetry.transfer
 
     def _mux(self, packets: Sequence[Any]) -> list[AccessUnit]:
         units = []

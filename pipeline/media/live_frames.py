@@ -23,10 +23,10 @@ from pipeline.media.depth_maps import nearness_from_stored, resampled
 from pipeline.media.images import StoredImage, declared_header, decode_image, image_kind
 from pipeline.media.live_manifest import LiveManifest
 from pipeline.media.scene import DepthKind
+from pipeline.media.ycbcr import matrix_for
 from pipeline.media.yuv import (
     PlanarFormat,
     Range,
-    default_matrix,
     parse_pixel_format,
     picture_from_planes,
 )
@@ -217,7 +217,7 @@ def decode_color(item: EncodedPicture, *, max_pixels: int) -> Picture:
     value_range = Range.LIMITED if layout.has_chroma else Range.FULL
     if item.pixel_format.startswith("yuvj"):
         value_range = Range.FULL
-    return picture_from_planes(planes, layout, default_matrix(item.height), value_range)
+    return picture_from_planes(planes, layout, matrix_for(item.height), value_range)
 
 
 def decode_samples(item: EncodedPicture, *, max_pixels: int) -> npt.NDArray:

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.errors import OutputError, SceneError
+from pipeline.media.colorimetry import HLG, PQ
 from pipeline.media.files import atomic_path, output_error
 
 RgbImage = npt.NDArray[np.uint8]
@@ -65,6 +66,12 @@ def open_lossless(path: Path) -> LosslessClip:
             raise SceneError(
                 f"{name} of {pixels}: has lost something already; stimuli are made of lossless "
                 "results (--codec ffv1, or --frames-dir)",
+                path=path,
+            )
+        if stream.codec_context.color_trc in (PQ, HLG):
+            raise SceneError(
+                "is of high dynamic range; the assessor's page shows 8 bits of an ordinary one: "
+                "convert it before",
                 path=path,
             )
         rate = stream.average_rate or stream.guessed_rate

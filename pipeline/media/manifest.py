@@ -29,7 +29,8 @@ from pipeline.media.scene import (
     ViewDescription,
     confined,
 )
-from pipeline.media.yuv import Matrix, Range, parse_pixel_format
+from pipeline.media.ycbcr import YcbcrMatrix
+from pipeline.media.yuv import Range, parse_pixel_format
 
 MANIFEST_NAME = "scene.json"
 """Name of a manifest in its folder."""
@@ -290,8 +291,10 @@ class _Parser:
         except ValueError as error:
             self.fail(f"{key}: {error}", view_id)
         matrix, value_range = entry.get("matrix"), entry.get("range")
-        if matrix is not None and matrix not in list(Matrix):
-            self.fail(f"{key}: matrix must be one of {', '.join(Matrix)}, not {matrix!r}", view_id)
+        if matrix is not None and matrix not in list(YcbcrMatrix):
+            self.fail(
+                f"{key}: matrix must be one of {', '.join(YcbcrMatrix)}, not {matrix!r}", view_id
+            )
         if value_range is not None and value_range not in list(Range):
             self.fail(
                 f"{key}: range must be one of {', '.join(Range)}, not {value_range!r}", view_id
@@ -301,7 +304,7 @@ class _Parser:
             width=self.integer(entry["width"], f"{key}: width", 1, view_id),
             height=self.integer(entry["height"], f"{key}: height", 1, view_id),
             pixel_format=pixel_format,
-            matrix=None if matrix is None else Matrix(matrix),
+            matrix=None if matrix is None else YcbcrMatrix(matrix),
             range=None if value_range is None else Range(value_range),
         )
 

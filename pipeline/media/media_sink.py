@@ -58,6 +58,7 @@ class MediaSink:
                 codec=None if options.codec is None else VideoCodec(options.codec),
                 crf=options.quality,
                 pixel_aspect=plan.pixel_aspect,
+                colorimetry=plan.colorimetry,
                 is_quick=plan.is_realtime,
             )
             eyes = 1 if self._layout is StereoLayout.VIEWS else len(plan.targets)
@@ -154,7 +155,8 @@ class MediaSink:
             packed = self._clock()
             if folder is not None:
                 for view_id, name in self.plan.picture_names.items():
-                    write_png(png_path(folder, name, result.frame_index), pictures[view_id])
+                    path = png_path(folder, name, result.frame_index)
+                    write_png(path, pictures[view_id], self.plan.colorimetry)
             written = self._clock()
             timings["pack"] += packed - begin
             timings["png"] += written - packed
@@ -180,7 +182,9 @@ class MediaSink:
             height = image.luma.shape[0]
             height += height % 2  # as it is coded
             eyes = 2 if self._layout is StereoLayout.TAB else 1
-            return coded(image.luma, image.chroma, matrix_for(eyes * height))
+            return coded(
+                image.luma, image.chroma, matrix_for(eyes * height, self.plan.colorimetry.primaries)
+            )
         if image.chroma is None:
             return to_grey(image.luma, self.plan.bit_depth)
         return to_rgb(image.luma, image.chroma, self.plan.bit_depth)

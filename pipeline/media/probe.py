@@ -48,6 +48,8 @@ def describe(source: FrameSource) -> dict[str, Any]:
         "height": height,
         "bit_depth": info.bit_depth,
         "color": info.is_color,
+        "primaries": info.colorimetry.names[0],
+        "transfer": info.colorimetry.names[1],
         "pixel_aspect": str(info.pixel_aspect),
         "input_layout": info.input_layout,
         "frames": {
@@ -77,6 +79,7 @@ def format_description(description: Mapping[str, Any]) -> str:
         f"  views        {len(description['views'])}, left to right: "
         + ", ".join(view["id"] for view in description["views"]),
         f"  pictures     {size}, {colour}, {description['bit_depth']} bits",
+        f"  colours      {description['primaries']} primaries, {description['transfer']} transfer",
         f"  frames       {frames['count']}: {frames['first']} to {frames['last']}, "
         f"{description['fps']} a second",
         f"  depth        {_depth_text(depth)}",

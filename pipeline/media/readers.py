@@ -8,7 +8,7 @@ caller.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import Protocol
@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from pipeline.colour import Picture, picture_from_grey, picture_from_rgb
 from pipeline.errors import SceneError
+from pipeline.media.colorimetry import Colorimetry
 from pipeline.media.decode import VideoReader
 from pipeline.media.images import read_header, read_image
 from pipeline.media.scene import (
@@ -43,6 +44,7 @@ class PictureForm:
     is_color: bool
     bit_depth: int
     """8, 10 or 16."""
+    colorimetry: Colorimetry = field(default_factory=Colorimetry)
 
 
 class PictureReader(Protocol):
@@ -55,6 +57,8 @@ class PictureReader(Protocol):
     """What the file says; None: nothing."""
     has_uneven_times: bool
     """Whether the file shows its frames for unequal times."""
+    is_interlaced: bool
+    """Whether the two fields of a frame were taken one after the other."""
     is_still: bool
     """True for a single image file."""
     repeats_line: bool
@@ -133,6 +137,7 @@ class ImageFilesReader:
 
     repeats_line = False
     has_uneven_times = False
+    is_interlaced = False
 
     def __init__(
         self, root: Path, files: ImageFiles, first_frame: int, frame_count: int | None
@@ -149,6 +154,7 @@ class ImageFilesReader:
             height=header.height,
             is_color=header.channels == 3,
             bit_depth=header.bit_depth,
+            colorimetry=header.colorimetry,
         )
 
     def _path(self, frame_index: int) -> Path:
@@ -239,11 +245,13 @@ class VideoFileReader(_StreamReader):
         self._video = video
         self.fps: Fraction | None = video.fps
         self.has_uneven_times = video.has_uneven_times
+        self.is_interlaced = video.is_interlaced
         self.form = PictureForm(
             width=video.width,
             height=video.height,
             is_color=video.is_color,
             bit_depth=video.bit_depth,
+            colorimetry=video.colorimetry,
         )
 
     def picture(self, frame_index: int) -> Picture:
@@ -280,6 +288,7 @@ class PackedEyeReader(VideoFileReader):
             height=height,
             is_color=video.is_color,
             bit_depth=video.bit_depth,
+            colorimetry=video.colorimetry,
         )
         row = height if eye.second and not eye.layout.is_horizontal else 0
         column = width if eye.second and eye.layout.is_horizontal else 0
@@ -306,6 +315,7 @@ class RawVideoReader(_StreamReader):
 
     fps: Fraction | None = None
     has_uneven_times = False
+    is_interlaced = False
 
     def __init__(self, path: Path, raw: RawVideo, first_frame: int) -> None:
         self._file = RawVideoFile(

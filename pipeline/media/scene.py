@@ -18,7 +18,8 @@ import numpy as np
 
 from pipeline.errors import SceneError
 from pipeline.frames import Calibration
-from pipeline.media.yuv import Matrix, Range
+from pipeline.media.ycbcr import YcbcrMatrix
+from pipeline.media.yuv import Range
 
 CONVERSION = re.compile(r"%(0[1-9][0-9]?)?d")
 """Where the name of an image file has its frame's number."""
@@ -108,7 +109,7 @@ class RawVideo:
     """Pixels."""
     pixel_format: str
     """FFmpeg's name, ``yuv420p10le`` say."""
-    matrix: Matrix | None = None
+    matrix: YcbcrMatrix | None = None
     """None: BT.709 from 720 lines up, BT.601 below."""
     range: Range | None = None
     """None: limited for colour, full for depth."""

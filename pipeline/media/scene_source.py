@@ -15,6 +15,7 @@ import numpy as np
 from pipeline.colour import CHROMA_CENTRE, Picture
 from pipeline.errors import ConfigurationError, SceneError
 from pipeline.frames import DepthMap, MultiViewFrame, View
+from pipeline.media.colorimetry import Colorimetry
 from pipeline.media.depth_estimation import estimate_missing_depth
 from pipeline.media.depth_maps import camera_nearness, nearness_from_stored, resampled
 from pipeline.media.info import SceneInfo
@@ -176,6 +177,12 @@ class SceneSource:
                 f"frames are shown for unequal times in: {', '.join(uneven)}; views are paired by "
                 f"the number of the frame, and the result shows {fps} a second"
             )
+        interlaced = [view.description.view_id for view in self._views if view.color.is_interlaced]
+        if interlaced:
+            notes.append(
+                f"interlaced: {', '.join(interlaced)}; fields of two instants are taken for one "
+                "picture: deinterlace before (ffmpeg -vf bwdif)"
+            )
         return SceneInfo(
             path=str(description.source or description.root),
             layout=description.layout,
@@ -195,9 +202,22 @@ class SceneSource:
             has_calibration=all(calibrated),
             pixel_aspect=layout.pixel_aspect if layout is not None else Fraction(1),
             input_layout=layout.value if layout is not None else None,
+            colorimetry=self._colorimetry(notes),
             sound=self._sound(fps, notes),
             warnings=tuple(notes),
         )
+
+    def _colorimetry(self, notes: list[str]) -> Colorimetry:
+        """Return what is said of the left eye, or of the first view where that is not read."""
+        told = {view.description.view_id: view.color.form.colorimetry for view in self._views}
+        chosen = told.get(self._description.left or "", next(iter(told.values())))
+        others = [view_id for view_id, said in told.items() if said.names != chosen.names]
+        if others:
+            notes.append(
+                f"other primaries or another transfer in: {', '.join(others)}; the result is said "
+                f"to be {' '.join(chosen.names)}"
+            )
+        return chosen
 
     def _sound(self, fps: Fraction, notes: list[str]) -> Path | None:
         """Return the first video of a view that has sound, that of the left eye before others."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from fractions import Fraction
 from pathlib import Path
 
 from pipeline.errors import ConfigurationError
+from pipeline.media.colorimetry import Colorimetry
 from pipeline.stereo import StereoLayout
 
 
@@ -91,6 +92,8 @@ class VideoFormat:
     """Constant rate factor, 1..51 (h264) or 1..63 (vp9, av1); None: the default. Not for ffv1."""
     pixel_aspect: Fraction = Fraction(1)
     """Width over height of a pixel of one eye, before a layout squeezes it."""
+    colorimetry: Colorimetry = field(default_factory=Colorimetry)
+    """What is said of the pictures' RGB."""
     is_quick: bool = False
     """Whether H.264 is coded in less than half the time, as good, into larger files."""
 
@@ -124,6 +127,7 @@ class VideoFormat:
         codec: VideoCodec | None = None,
         crf: int | None = None,
         pixel_aspect: Fraction = Fraction(1),
+        colorimetry: Colorimetry | None = None,
         is_quick: bool = False,
     ) -> VideoFormat:
         """Return the format that a file name asks for.
@@ -149,6 +153,7 @@ class VideoFormat:
             fps=fps,
             crf=crf,
             pixel_aspect=pixel_aspect,
+            colorimetry=colorimetry or Colorimetry(),
             is_quick=is_quick,
         )
 

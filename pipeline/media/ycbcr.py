@@ -1,4 +1,4 @@
-"""RGB and grey pictures as limited-range Y'CbCr 4:2:0 planes.
+"""The matrices of Y'CbCr, and RGB and grey pictures as limited-range planes of 4:2:0.
 
 Done here, at the matrix that the file will name, and not left to a converter's
 default, so that what a player shows is what was meant. Pure arithmetic: knows
@@ -8,34 +8,44 @@ no files, no codecs.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from pipeline.media.colorimetry import BT709, BT2020
 from pipeline.stereo import Picture
 
 HD_LINES = 720
 """Pictures of this height or more use BT.709; players that read no tags guess by it too."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class LumaWeights:
-    """How much red and blue count for luma; green is what is left to 1."""
+class YcbcrMatrix(StrEnum):
+    """Which RGB a Y'CbCr picture is made of."""
 
-    red: float
-    blue: float
-
-
-class YcbcrMatrix(Enum):
-    """The Y'CbCr matrices in use."""
-
-    BT601 = LumaWeights(red=0.299, blue=0.114)
+    BT601 = "bt601"
     """ITU-R BT.601 (SMPTE 170M), for standard definition."""
 
-    BT709 = LumaWeights(red=0.2126, blue=0.0722)
+    BT709 = "bt709"
     """ITU-R BT.709, for high definition."""
+
+    BT2020 = "bt2020"
+    """ITU-R BT.2020, of luminance that is not constant."""
+
+    @property
+    def luma_weights(self) -> tuple[float, float, float]:
+        """How much red, green and blue count for luma, dimensionless; 1 together."""
+        red, blue = {
+            YcbcrMatrix.BT601: (0.299, 0.114),
+            YcbcrMatrix.BT709: (0.2126, 0.0722),
+            YcbcrMatrix.BT2020: (0.2627, 0.0593),
+        }[self]
+        return red, 1 - red - blue, blue
+
+
+MATRIX_CODES = {YcbcrMatrix.BT601: 6, YcbcrMatrix.BT709: 1, YcbcrMatrix.BT2020: 9}
+"""Code points of ITU-T H.273 that are written."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,8 +76,10 @@ class Yuv420:
         return self.luma.dtype
 
 
-def matrix_for(height: int) -> YcbcrMatrix:
-    """Return the matrix that goes with a picture of this many lines."""
+def matrix_for(height: int, primaries: int = BT709) -> YcbcrMatrix:
+    """Return the matrix that goes with a picture of this many lines and these primaries."""
+    if primaries == BT2020:
+        return YcbcrMatrix.BT2020
     return YcbcrMatrix.BT709 if height >= HD_LINES else YcbcrMatrix.BT601
 
 
@@ -114,10 +126,9 @@ def to_yuv420(
 
 def ycbcr_of_rgb(matrix: YcbcrMatrix) -> npt.NDArray[np.float64]:
     """Return the (3, 3) matrix from RGB 0..1 to Y 0..219 and Cb, Cr −112..112."""
-    weights = matrix.value
-    luma = np.array([weights.red, 1 - weights.red - weights.blue, weights.blue])
-    blue_difference = (np.array([0.0, 0.0, 1.0]) - luma) / (2 * (1 - weights.blue))
-    red_difference = (np.array([1.0, 0.0, 0.0]) - luma) / (2 * (1 - weights.red))
+    luma = np.array(matrix.luma_weights)
+    blue_difference = (np.array([0.0, 0.0, 1.0]) - luma) / (2 * (1 - luma[2]))
+    red_difference = (np.array([1.0, 0.0, 0.0]) - luma) / (2 * (1 - luma[0]))
     return np.stack([219 * luma, 224 * blue_difference, 224 * red_difference])
 
 

@@ -18,26 +18,7 @@ import numpy.typing as npt
 
 from pipeline.colour import CHROMA_CENTRE, RGB_TO_YCC, Picture, combined, interleaved
 from pipeline.errors import SceneError
-
-HD_LINES = 720
-"""From this height up an untold matrix is taken for BT.709, below for BT.601, pixels."""
-
-
-class Matrix(StrEnum):
-    """Which RGB a YUV picture is made of."""
-
-    BT601 = "bt601"
-    BT709 = "bt709"
-    BT2020 = "bt2020"
-
-    @property
-    def red_blue_weights(self) -> tuple[float, float]:
-        """K_R and K_B of the standard, dimensionless."""
-        return {
-            Matrix.BT601: (0.299, 0.114),
-            Matrix.BT709: (0.2126, 0.0722),
-            Matrix.BT2020: (0.2627, 0.0593),
-        }[self]
+from pipeline.media.ycbcr import YcbcrMatrix, matrix_for, ycbcr_of_rgb
 
 
 class Range(StrEnum):
@@ -48,11 +29,6 @@ class Range(StrEnum):
 
     FULL = "full"
     """All values."""
-
-
-def default_matrix(height: int) -> Matrix:
-    """Return the matrix of a picture that does not tell its own."""
-    return Matrix.BT709 if height >= HD_LINES else Matrix.BT601
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +97,7 @@ def levels(bits: int, value_range: Range) -> tuple[float, float, float, float]:
 
 
 def picture_from_planes(
-    planes: tuple[npt.NDArray, ...], layout: PlanarFormat, matrix: Matrix, value_range: Range
+    planes: tuple[npt.NDArray, ...], layout: PlanarFormat, matrix: YcbcrMatrix, value_range: Range
 ) -> Picture:
     """Return luma and chroma of a planar YUV picture.
 
@@ -132,7 +108,7 @@ def picture_from_planes(
         the even luma columns and between the luma rows (MPEG-2's and H.264's default).
     layout : PlanarFormat
         How they are meant.
-    matrix : Matrix
+    matrix : YcbcrMatrix
         Which RGB they are made of; without effect on grey.
     value_range : Range
         Which values are black and white.
@@ -151,29 +127,15 @@ def picture_from_planes(
     chroma = [_upsampled(plane, layout, luma.shape) for plane in planes[1:]]
     scale = np.diag([255.0 / span, 255.0 / chroma_span, 255.0 / chroma_span])
     offset = -scale @ np.array([black, centre, centre])
-    change = RGB_TO_YCC @ _rgb_of_ycc(matrix)
-    if matrix is Matrix.BT601:
-        change = np.eye(3)
+    change = np.eye(3)
+    if matrix is not YcbcrMatrix.BT601:
+        change = RGB_TO_YCC @ np.linalg.inv(ycbcr_of_rgb(matrix)) @ np.diag([219.0, 224.0, 224.0])
     offsets = change @ offset + [0, CHROMA_CENTRE, CHROMA_CENTRE]
     luma, *chroma = (
         combined((luma, *chroma), row, constant)
         for row, constant in zip(change @ scale, offsets, strict=True)
     )
     return Picture(luma=np.clip(luma, 0, 255, out=luma), chroma=interleaved(chroma))
-
-
-def _rgb_of_ycc(matrix: Matrix) -> npt.NDArray[np.float64]:
-    red, blue = matrix.red_blue_weights
-    weights = np.array([red, 1 - red - blue, blue])
-    return np.linalg.inv(
-        np.array(
-            [
-                weights,
-                (np.array([0, 0, 1]) - weights) * 0.5 / (1 - blue),
-                (np.array([1, 0, 0]) - weights) * 0.5 / (1 - red),
-            ]
-        )
-    )
 
 
 def _upsampled(
@@ -210,14 +172,14 @@ class RawVideoFile:
         width: int,
         height: int,
         pixel_format: str,
-        matrix: Matrix | None = None,
+        matrix: YcbcrMatrix | None = None,
         value_range: Range | None = None,
     ) -> None:
         self.path = path
         self.width = width
         self.height = height
         self.layout = parse_pixel_format(pixel_format)
-        self.matrix = matrix or default_matrix(height)
+        self.matrix = matrix or matrix_for(height)
         self.range = value_range
         self._frame_bytes = self.layout.frame_bytes(width, height)
         try:

@@ -175,6 +175,8 @@ class WatchSink:
             eye_width=shape[1],
             first_frame=segment.start - place,
             pixel_aspect=str(aspect),
+            primaries=self._plan.colorimetry.primaries,
+            transfer=self._plan.colorimetry.transfer,
         )
         return TrackWriter(
             self._folder / track,

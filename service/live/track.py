@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass
 from fractions import Fraction
 from pathlib import Path
 
+from pipeline.media.colorimetry import BT709, Colorimetry
 from pipeline.media.files import write_atomic
 from pipeline.media.jpeg import encode_jpeg
 from pipeline.media.live_encode import LiveEncoder
@@ -49,6 +50,9 @@ class TrackInfo:
     """Source frame number of the first picture."""
     pixel_aspect: str = "1"
     """Width over height of a pixel as shown, as ``N/D``."""
+    primaries: int = BT709
+    transfer: int = BT709
+    """What is said of the pictures' RGB: code points of ITU-T H.273."""
 
     @property
     def rate(self) -> Fraction:
@@ -94,7 +98,10 @@ class TrackWriter:
         self._number = number
         self._frame = frame
         self._on_piece = on_piece
-        self._encoder = LiveEncoder(fps=info.rate, layout=StereoLayout(info.layout), crf=crf)
+        self._encoder = LiveEncoder(
+            fps=info.rate, layout=StereoLayout(info.layout), crf=crf,
+            colorimetry=Colorimetry.told(info.primaries, info.transfer),
+        )  # fmt: skip
         self._splitter = Splitter()
         self._ticks = 0
         self._piece: list[Fragment] = []

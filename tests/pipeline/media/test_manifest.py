@@ -27,7 +27,8 @@ from pipeline.media.scene import (
     VideoFile,
     ViewDescription,
 )
-from pipeline.media.yuv import Matrix, Range
+from pipeline.media.ycbcr import YcbcrMatrix
+from pipeline.media.yuv import Range
 
 
 def camera_at(x: float, y: float = 0.0) -> dict:
@@ -118,7 +119,7 @@ def test_writing_and_reading_again_gives_the_same(tmp_path):
                 width=5,
                 height=3,
                 pixel_format="gray10le",
-                matrix=Matrix.BT709,
+                matrix=YcbcrMatrix.BT709,
                 range=Range.FULL,
             ),
             calibration=Calibration(

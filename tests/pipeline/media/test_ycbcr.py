@@ -6,6 +6,7 @@ import pytest
 from pipeline.colour import Picture, picture_from_rgb
 from pipeline.colour import to_rgb as rgb_of
 from pipeline.media.coded import coded
+from pipeline.media.colorimetry import BT2020
 from pipeline.media.ycbcr import YcbcrMatrix, matrix_for, to_yuv420
 
 COLOURS = np.array(
@@ -21,9 +22,16 @@ COLOURS = np.array(
 )
 
 PRIMARIES = {
-    # Y'CbCr code values of white, red, green and blue, 8 bits (ITU-R BT.601-7 and BT.709-6).
+    # Y'CbCr of white, red, green and blue, 8 bits (ITU-R BT.601-7, BT.709-6, BT.2020-2).
     YcbcrMatrix.BT601: {1: (235, 128, 128), 2: (81, 90, 240), 3: (145, 54, 34), 4: (41, 240, 110)},
     YcbcrMatrix.BT709: {1: (235, 128, 128), 2: (63, 102, 240), 3: (173, 42, 26), 4: (32, 240, 118)},
+    YcbcrMatrix.BT2020: {1: (235, 128, 128), 2: (74, 97, 240), 3: (164, 47, 25), 4: (29, 240, 119)},
+}
+
+RED_BLUE = {
+    YcbcrMatrix.BT601: (0.299, 0.114),
+    YcbcrMatrix.BT709: (0.2126, 0.0722),
+    YcbcrMatrix.BT2020: (0.2627, 0.0593),
 }
 
 
@@ -34,7 +42,7 @@ def patch(colour: np.ndarray, dtype: type = np.uint8) -> np.ndarray:
 
 def to_rgb(code: np.ndarray, matrix: YcbcrMatrix, bits: int) -> np.ndarray:
     """Return RGB 0..255 by the standard's own formulas, the other way round."""
-    red, blue = matrix.value.red, matrix.value.blue
+    red, blue = RED_BLUE[matrix]
     y, cb, cr = code / 2.0 ** (bits - 8)
     luma, blue_difference, red_difference = (y - 16) / 219, (cb - 128) / 224, (cr - 128) / 224
     r = luma + 2 * (1 - red) * red_difference
@@ -100,6 +108,7 @@ def test_chroma_sits_on_even_columns_and_between_rows():
 def test_the_matrix_goes_by_the_number_of_lines():
     assert matrix_for(719) is YcbcrMatrix.BT601
     assert matrix_for(720) is YcbcrMatrix.BT709
+    assert matrix_for(480, BT2020) is YcbcrMatrix.BT2020
 
 
 def held(rgb: np.ndarray) -> Picture:

@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 from pipeline.colour import to_grey, to_rgb
 from pipeline.errors import SceneError
+from pipeline.media.ycbcr import YcbcrMatrix
 from pipeline.media.yuv import (
-    Matrix,
     Range,
     RawVideoFile,
-    default_matrix,
     parse_pixel_format,
     picture_from_planes,
 )
@@ -48,7 +47,7 @@ def test_matrix_and_range_are_honoured(tmp_path, matrix, value_range, name, bits
         width=7,
         height=5,
         pixel_format=name,
-        matrix=Matrix(matrix),
+        matrix=YcbcrMatrix(matrix),
         value_range=Range(value_range),
     )
     picture = file.picture(0)
@@ -70,7 +69,7 @@ def test_a_uniform_picture_of_any_size_stays_uniform(width, height, name, values
         for shape, value in zip(layout.plane_shapes(width, height), values, strict=True)
     )
     assert layout.frame_bytes(width, height) == sum(plane.nbytes for plane in planes)
-    picture = picture_from_planes(planes, layout, Matrix.BT601, Range.LIMITED)
+    picture = picture_from_planes(planes, layout, YcbcrMatrix.BT601, Range.LIMITED)
     assert picture.luma.shape == picture.chroma.shape[:2] == (height, width)
     np.testing.assert_allclose(picture.luma, (values[0] - 16) * 255 / 219, atol=1e-3)
     for channel in (0, 1):
@@ -85,7 +84,7 @@ def test_chroma_sits_on_even_columns_and_between_rows():
     picture = picture_from_planes(
         (luma, ramp.astype(np.uint16), np.full((4, 6), 32768, np.uint16)),
         layout,
-        Matrix.BT601,
+        YcbcrMatrix.BT601,
         Range.FULL,
     )
     stored = (picture.chroma[..., 0] - 128) * 65535 / 255 + 32768
@@ -129,7 +128,3 @@ def test_a_file_of_broken_frames_is_an_error(tmp_path, size):
 def test_other_formats_are_refused_by_name(name):
     with pytest.raises(ValueError, match="is not supported"):
         parse_pixel_format(name)
-
-
-def test_an_untold_matrix_follows_the_height():
-    assert (default_matrix(719), default_matrix(720)) == (Matrix.BT601, Matrix.BT709)
