@@ -11,6 +11,7 @@ from typing import Any
 
 from pipeline.effort import SWIFT
 from pipeline.job import Job
+from pipeline.media.eye_files import eyes_beside
 from pipeline.media.video_format import view_path
 from pipeline.report import to_plain, versions
 from pipeline.segments import WATCHED, warm_up
@@ -57,14 +58,16 @@ def make_fingerprint(job: Job, frames: range, targets: tuple[str, ...]) -> dict[
 def scene_files(job: Job, targets: Sequence[str] = ()) -> list[tuple[str, int, int]]:
     """Return (path, bytes, time of change in nanoseconds) of the files a scene may consist of.
 
-    The file itself; for a manifest or a folder all files below it but hidden ones and
-    those that the job itself writes of its targets.
+    The file itself, with that of the other eye beside it; for a manifest or a folder all files
+    below it but hidden ones and those that the job itself writes of its targets.
     """
     scene = job.scene
     root = scene if scene.is_dir() else scene.parent
     if scene.is_file() and scene.suffix != ".json":
-        status = scene.stat()
-        return [(scene.name, status.st_size, status.st_mtime_ns)]
+        eyes = eyes_beside(scene)
+        files = [scene] if eyes is None else filter(Path.is_file, eyes.files(range(0)))
+        states = [(path.name, path.stat()) for path in files]
+        return [(name, status.st_size, status.st_mtime_ns) for name, status in states]
     output = job.output
     own = {
         path.resolve()

@@ -19,7 +19,8 @@ from typing import Any
 
 import httpx
 
-from pipeline.errors import PipelineError
+from pipeline.errors import PipelineError, SceneError
+from pipeline.media.eye_files import LAYOUT, eyes_beside
 
 FINAL = ("succeeded", "failed", "cancelled")
 
@@ -208,15 +209,31 @@ class Client:
 
 
 def scene_files(scene: Path) -> dict[str, Path]:
-    """Return the files to send for a scene: itself, or all that lies beside its manifest."""
+    """Return the files to send for a scene: itself, or all that lies beside its manifest.
+
+    Of a video of one eye both eyes' are sent.
+    """
     folder = scene.parent if scene.name == "scene.json" else scene
     if not folder.is_dir():
-        return {scene.name: scene}
+        eyes = eyes_beside(scene)
+        if eyes is None or not _is_one_eye(scene):
+            return {scene.name: scene}
+        return {path.name: path for path in eyes.files(range(0)) if path.is_file()}
     return {
         path.relative_to(folder).as_posix(): path
         for path in sorted(folder.rglob("*"))
         if path.is_file() and not any(p.startswith(".") for p in path.relative_to(folder).parts)
     }
+
+
+def _is_one_eye(video: Path) -> bool:
+    """Tell whether a video that is named as one eye's does not say that it holds both."""
+    from pipeline.media.layouts import describe_path  # codecs, which other commands need not load
+
+    try:
+        return describe_path(video).layout == LAYOUT
+    except SceneError:
+        return False  # the service says what is wrong with it
 
 
 def scene_name(scene: Path) -> str:

@@ -1,4 +1,4 @@
-"""Recognise scenes that have no manifest: known dataset folders, and stereo video files.
+"""Recognise scenes that have no manifest: known dataset folders, stereo video files, eye files.
 
 What is guessed is said in the description's notes. Depth conventions of the datasets:
 
@@ -21,6 +21,7 @@ import numpy as np
 from pipeline.errors import ConfigurationError, SceneError
 from pipeline.frames import Calibration
 from pipeline.media.decode import VideoReader
+from pipeline.media.eye_files import eyes_beside, eyes_in
 from pipeline.media.images import IMAGE_SUFFIXES, ImageHeader, read_header
 from pipeline.media.manifest import MANIFEST_NAME, read_manifest
 from pipeline.media.scene import (
@@ -55,7 +56,8 @@ def describe_path(path: Path, input_layout: str | None = None) -> SceneDescripti
     Parameters
     ----------
     path : Path
-        A folder with or without a manifest, a manifest, or a stereo video file.
+        A folder with or without a manifest, a manifest, or a video file: of both eyes, or of
+        one with the other's beside it.
     input_layout : str or None
         How a video file's views are packed, where it does not say: one of
         :class:`PackedLayout`.
@@ -95,6 +97,7 @@ def describe_folder(folder: Path) -> SceneDescription:
         _middlebury_2014,
         _middlebury_2005,
         _middlebury_2001_or_2003,
+        eyes_in,
     )
     for recognise in recognisers:
         description = recognise(folder)
@@ -103,7 +106,8 @@ def describe_folder(folder: Path) -> SceneDescription:
     raise SceneError(
         f"no {MANIFEST_NAME} here, and no layout that is known: MSR 3D video "
         "(cam0/color-cam0-f000.jpg), Middlebury 2001–2014 (im2.png with disp2.png, "
-        "view1.png with disp1.png, im0.png with im1.png)",
+        "view1.png with disp1.png, im0.png with im1.png), a video or images for each eye "
+        "(clip_left.mov with clip_right.mov, left-0001.png with right-0001.png)",
         path=folder,
     )
 
@@ -393,12 +397,13 @@ def _first_file(folder: Path, stem: str, suffixes: tuple[str, ...]) -> str | Non
 
 
 def describe_stereo_video(path: Path, input_layout: str | None = None) -> SceneDescription:
-    """Return the description of a video file whose pictures hold two views.
+    """Return the description of a video file whose pictures hold two views, or that has a twin.
 
     How they lie is taken from ``input_layout``, else from the container's tag or the stream's
     frame-packing message, else from the file's name (``clip_3D_HSBS.mkv``). Whether an eye is
     squeezed to half is in no such tag: the name, the pixel aspect and the eye's proportions
-    tell, in this order, and a note says what was taken.
+    tell, in this order, and a note says what was taken. Where nothing tells how they lie, and
+    the file is named as one eye's with the other's beside it, the two are the scene.
 
     Raises
     ------
@@ -420,9 +425,13 @@ def describe_stereo_video(path: Path, input_layout: str | None = None) -> SceneD
         named, named_half = _layout_in_name(path.stem)
         arrangement = tag.arrangement if tag is not None else named
         if arrangement is None:
+            beside = eyes_beside(path)
+            if beside is not None:
+                return beside
             raise SceneError(
                 "does not say how its views are packed; say it with --input-layout "
-                f"({', '.join(PackedLayout)})",
+                f"({', '.join(PackedLayout)}). If it is one eye's, name the other's alike "
+                "(clip_left.mov, clip_right.mov)",
                 path=path,
             )
         half, because = named_half, "name"

@@ -1,0 +1,164 @@
+"""A file for each eye: known by the names, and by nothing else."""
+
+from __future__ import annotations
+
+import shutil
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from pipeline.config import Settings
+from pipeline.errors import SceneError
+from pipeline.fingerprint import scene_files as files_of_job
+from pipeline.job import Job, OutputOptions
+from pipeline.media.encode import join_segments, write_segment
+from pipeline.media.eye_files import eyes_beside, eyes_in
+from pipeline.media.layouts import describe_path
+from pipeline.media.png import write_png
+from pipeline.media.source import open_scene
+from pipeline.media.video_format import Container, VideoCodec, VideoFormat
+from pipeline.run import run_job
+from pipeline.stereo import StereoLayout
+from service.client import scene_files
+
+SHAPE = (24, 36)
+
+
+def texture(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (*SHAPE, 3), np.uint8)
+
+
+def write_video(path, seed, layout=StereoLayout.LEFT):
+    kind = VideoFormat(
+        container=Container.MKV, codec=VideoCodec.FFV1, layout=layout, fps=Fraction(24)
+    )  # fmt: skip
+    eyes = (texture(seed),) if layout is StereoLayout.LEFT else (texture(seed), texture(seed + 1))
+    segment = path.with_name(".segment.mkv")
+    write_segment(segment, kind, [eyes] * 2, first_frame=0)
+    join_segments([segment], path, kind)
+    segment.unlink()
+    return path
+
+
+def shown(scene):
+    """The frame numbers, and the red of both eyes' first pixels in the first frame."""
+    with open_scene(scene) as source:
+        indices = source.info.frame_indices
+        frame = source.read(indices.start)
+        assert (frame.left, frame.right) == ("left", "right")
+        lumas = [frame.view(eye).luma for eye in ("left", "right")]
+        return list(indices), lumas
+
+
+def is_luma_of(luma, picture) -> bool:
+    expected = picture.astype(np.float32) @ np.array([0.299, 0.587, 0.114], np.float32)
+    return bool(np.abs(luma - expected).max() < 0.01)
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        ("clip_left.mkv", "clip_right.mkv"), ("Shot 3_L.mkv", "Shot 3_R.mkv"),
+        ("RIGHT.mkv", "LEFT.mkv"), ("l-eye.mkv", "r-eye.mkv"), ("100% Left.mkv", "100% Right.mkv"),
+    ],
+)  # fmt: skip
+def test_two_videos(tmp_path, left, right):
+    if left == "RIGHT.mkv":
+        left, right = right, left
+    write_video(tmp_path / left, 1)
+    write_video(tmp_path / right, 2)
+    for scene in (tmp_path, tmp_path / left, tmp_path / right):
+        indices, lumas = shown(scene)
+        assert indices == [0, 1]
+        assert is_luma_of(lumas[0], texture(1))
+        assert is_luma_of(lumas[1], texture(2))
+        assert set(scene_files(scene)) == {left, right}
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "first"),
+    [
+        ("left-{:04d}.png", "right-{:04d}.png", 7), ("L/shot_{:d}.png", "R/shot_{:d}.png", 9),
+        ("left/a{:03d}.png", "right/b{:03d}.png", 0), ("100%_L_{:02d}.png", "100%_R_{:02d}.png", 1),
+    ],
+)  # fmt: skip
+def test_two_rows_of_images(tmp_path, left, right, first):
+    for number in range(first, first + 3):
+        for place, seed in ((left, number), (right, 100 + number)):
+            path = tmp_path / place.format(number)
+            path.parent.mkdir(exist_ok=True)
+            write_png(path, texture(seed))
+    indices, lumas = shown(tmp_path)
+    assert indices == [first, first + 1, first + 2]
+    assert is_luma_of(lumas[0], texture(first))
+    assert is_luma_of(lumas[1], texture(100 + first))
+
+
+def test_two_images(tmp_path):
+    write_png(tmp_path / "left.png", texture(1))
+    write_png(tmp_path / "right.png", texture(2))
+    indices, lumas = shown(tmp_path)
+    assert indices == [0]
+    assert is_luma_of(lumas[1], texture(2))
+
+
+def test_what_a_job_wrote_as_pictures_is_a_scene(tmp_path):
+    write_png(tmp_path / "left.png", texture(1))
+    write_png(tmp_path / "right.png", texture(2))
+    frames = tmp_path / "frames"
+    run_job(Job(scene=tmp_path, settings=Settings(), output=OutputOptions(frames_dir=frames)))
+    with open_scene(frames) as source:
+        assert source.info.lr_shape == (2 * SHAPE[0], 2 * SHAPE[1])
+
+
+def test_several_pairs_are_asked_about(tmp_path):
+    for name in ("a_left", "a_right", "b_left", "b_right"):
+        write_video(tmp_path / f"{name}.mkv", 1)
+    with pytest.raises(SceneError, match="several pairs"):
+        describe_path(tmp_path)
+    description = describe_path(tmp_path / "b_right.mkv")
+    assert [view.color.path for view in description.views] == ["b_left.mkv", "b_right.mkv"]
+
+
+@pytest.mark.parametrize("name", ["leftover.mkv", "left_right.mkv", "lEFT.mkv", "clip.mkv"])
+def test_other_names_are_no_eyes(tmp_path, name):
+    write_video(tmp_path / name, 1)
+    for other in {name.lower().replace("left", "right")} - {name}:
+        shutil.copy(tmp_path / name, tmp_path / other)
+    assert eyes_beside(tmp_path / name) is None
+    assert eyes_in(tmp_path) is None
+    with pytest.raises(SceneError, match=r"clip_left\.mov"):
+        describe_path(tmp_path / name)
+
+
+def test_a_row_with_a_gap_is_none_and_rows_that_begin_elsewhere_are_told(tmp_path):
+    for number in (1, 2, 4):
+        write_png(tmp_path / f"left-{number}.png", texture(number))
+        write_png(tmp_path / f"right-{number}.png", texture(number))
+    assert eyes_in(tmp_path) is None
+    (tmp_path / "left-4.png").rename(tmp_path / "left-3.png")
+    (tmp_path / "right-4.png").rename(tmp_path / "right-3.png")
+    (tmp_path / "left-1.png").unlink()
+    with pytest.raises(SceneError, match=r"begins with number 2, right-\.png with 1"):
+        describe_path(tmp_path)
+
+
+def test_a_video_that_says_it_holds_both_is_read_alone(tmp_path):
+    both = write_video(tmp_path / "clip_L.mkv", 1, StereoLayout.SBS)
+    write_video(tmp_path / "clip_R.mkv", 2)
+    assert describe_path(both).layout == "stereo-video"
+    assert list(scene_files(both)) == ["clip_L.mkv"]
+    assert describe_path(tmp_path / "clip_R.mkv").layout == "eye-files"
+
+
+def test_a_resumed_run_sees_a_change_of_either_eye(tmp_path):
+    for name, seed in (("clip_L.mkv", 1), ("clip_R.mkv", 2)):
+        write_video(tmp_path / name, seed)
+    job = Job(
+        scene=tmp_path / "clip_L.mkv", settings=Settings(),
+        output=OutputOptions(output=tmp_path / "out.mkv"),
+    )  # fmt: skip
+    before = files_of_job(job)
+    write_video(tmp_path / "clip_R.mkv", 3)
+    assert files_of_job(job) != before
