@@ -21,7 +21,7 @@ SOUNDS = ("copy", "none")
 OUTPUT_LAYOUTS = ("sbs", "half-sbs", "tab", "half-tab", "anaglyph", "left", "right", "views")
 """How the eyes may be written."""
 
-CODECS = ("h264", "vp9", "av1", "ffv1")
+CODECS = ("h264", "hevc", "vp9", "av1", "ffv1", "prores")
 """How a video may be compressed."""
 
 SEGMENT_LENGTH = 32

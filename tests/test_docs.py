@@ -355,8 +355,9 @@ def test_containers_codecs_and_qualities():
     rows = _rows_by_name("docs/formats.md")
     for container, codecs in CODECS.items():
         assert CODE.findall(rows[f".{container}"][0]) == [codec.value for codec in codecs]
+    without = {VideoCodec.FFV1: "lossless", VideoCodec.PRORES: "one quality"}
     for codec in VideoCodec:
-        assert rows[codec.value][1] == str(DEFAULT_CRF.get(codec, "lossless"))
+        assert rows[codec.value][1] == str((DEFAULT_CRF | without)[codec])
     values = _option_rows()["--crf"][0]
     assert all(f"1 to {highest}" in values for highest in HIGHEST_CRF.values())
 

@@ -35,7 +35,14 @@ from pipeline.media.info import Sound
 from pipeline.media.matroska import set_eye_shape
 from pipeline.media.sound import SoundCopy, holds_sound
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
-from pipeline.media.ycbcr import MATRIX_CODES, YcbcrMatrix, Yuv420, matrix_for, to_yuv420
+from pipeline.media.ycbcr import (
+    MATRIX_CODES,
+    YcbcrMatrix,
+    Yuv420,
+    matrix_for,
+    to_yuv420,
+    to_yuv422,
+)
 from pipeline.stereo import Picture, StereoLayout, pack, pad_to_multiple
 
 Eyes = tuple[Picture, Picture] | tuple[Picture]
@@ -54,6 +61,9 @@ ENCODER_THREADS = 4
 MIN_SLICED_SIZE = 32
 """Height and width from which FFV1 pictures are cut into slices, samples."""
 
+LEAST_HEVC_SIZE = 16
+"""Height and width from which x265 takes pictures, samples."""
+
 LEAST_AV1_SIZE = 4
 """Height and width from which SVT-AV1 takes pictures, samples."""
 
@@ -64,23 +74,27 @@ ever, deaf to signals."""
 AV1_SUPERBLOCK = 64
 """Samples along a side."""
 
-REORDER_DELAY = {VideoCodec.H264: 1}
+REORDER_DELAY = {VideoCodec.H264: 1, VideoCodec.HEVC: 1}
 """Frames by which decoding runs ahead of showing: B-frames that nothing refers to."""
 
 _FIRST_FRAME_TAG = "DEPTHSR_FIRST_FRAME"
 
 _ENCODERS: dict[VideoCodec, tuple[str, dict[str, str]]] = {
     VideoCodec.H264: ("libx264", {"preset": "veryfast", "bf": "3"}),
+    VideoCodec.HEVC: ("libx265", {"preset": "fast"}),
     VideoCodec.VP9: (
         "libvpx-vp9",
         {"deadline": "good", "cpu-used": "5", "tile-columns": "2", "row-mt": "0"},
     ),
     VideoCodec.AV1: ("libsvtav1", {"preset": "8"}),
     VideoCodec.FFV1: ("ffv1", {"level": "3", "slicecrc": "1", "g": "1"}),
+    VideoCodec.PRORES: ("prores_ks", {"profile": "hq", "vendor": "apl0"}),
 }
 """Encoder and its settings, by codec."""
 
-_QUICK = {VideoCodec.H264: {"preset": "ultrafast"}}
+_QUICK = {
+    VideoCodec.H264: {"preset": "ultrafast"}, VideoCodec.HEVC: {"preset": "ultrafast"},
+}  # fmt: skip
 """What is set otherwise where the encoder has to be quick."""
 
 _EXACT_X264 = (
@@ -90,6 +104,18 @@ _EXACT_X264 = (
 """x264 by fidelity instead of by looks: small coefficients stay, no block is coarser than
 another, and chroma, one code of which is two of red or blue, is finer than luma."""
 
+_EXACT_X265 = (
+    "aq-mode=0:cutree=0:psy-rd=0:psy-rdoq=0:rdoq-level=0:sao=0:cbqpoffs=-6:crqpoffs=-6"
+    ":deblock=-2,-2"
+)
+"""The same of x265."""
+
+_FIXED_X265 = (
+    f"log-level=none:info=0:frame-threads=2:pools={ENCODER_THREADS}:open-gop=0:b-pyramid=0"
+    f":bframes=3"
+)
+"""Bytes that depend on the pictures alone, and segments that need nothing of each other."""
+
 _LOSSLESS_PIXELS = {
     (8, False): "bgr0",
     (8, True): "gray",
@@ -98,12 +124,21 @@ _LOSSLESS_PIXELS = {
 }
 """Pixel format by (bits, is grey)."""
 
+_PRORES_PIXELS = "yuv422p10le"
+
 _MUXERS: dict[Container, tuple[str, dict[str, str]]] = {
     Container.MKV: ("matroska", {}),
     Container.WEBM: ("webm", {}),
     # The stereo box counts as unofficial; without faststart a browser fetches the end first.
     Container.MP4: ("mp4", {"movflags": "+faststart", "strict": "unofficial"}),
+    Container.MOV: ("mov", {"movflags": "+faststart", "strict": "unofficial"}),
 }
+
+_EYE_SHAPED = (Container.MKV, Container.WEBM)
+"""Containers that say the shape of one eye, not of the picture."""
+
+_APPLE_TAG = "hvc1"
+"""The name of HEVC in MP4 and MOV by which Apple's players know it."""
 
 _BITEXACT = {"fflags": "+bitexact"}
 """Makes muxers leave out random ids and version strings."""
@@ -167,14 +202,18 @@ def check_size(path: Path, video_format: VideoFormat, hr_shape: tuple[int, int],
     OutputError
         If it does not.
     """
-    if video_format.codec is not VideoCodec.AV1:
+    if video_format.codec not in (VideoCodec.AV1, VideoCodec.HEVC):
         return
     eye = np.zeros(hr_shape, np.uint8)
     height, width = _picture((eye, eye) if eyes == 2 else (eye,), video_format).shape
-    least = LEAST_LONG_AV1_SIZE if max(height, width) > AV1_SUPERBLOCK else LEAST_AV1_SIZE
+    if video_format.codec is VideoCodec.HEVC:
+        least = LEAST_HEVC_SIZE
+    else:
+        least = LEAST_LONG_AV1_SIZE if max(height, width) > AV1_SUPERBLOCK else LEAST_AV1_SIZE
     if min(height, width) < least:
+        codec = video_format.codec.value
         raise OutputError(
-            f"{path}: cannot be written: av1 takes no pictures of {width}×{height}; "
+            f"{path}: cannot be written: {codec} takes no pictures of {width}×{height}; "
             f"choose another codec"
         )
 
@@ -238,6 +277,11 @@ def join_segments(
                 stream.time_base = 1 / video_format.fps
                 stream.codec_context.framerate = video_format.fps
                 stream.codec_context.sample_aspect_ratio = _sample_aspect(video_format)
+                if (
+                    video_format.codec is VideoCodec.HEVC
+                    and video_format.container is not Container.MKV
+                ):
+                    stream.codec_context.codec_tag = _APPLE_TAG
                 track = None if sound is None else stack.enter_context(SoundCopy(sound, output))
             joiner = _Joiner(out, output, stream, video_format, track)
             for path in segments:
@@ -245,7 +289,7 @@ def join_segments(
             joiner.finish()
         layout = video_format.layout
         is_oblong = layout.half or video_format.pixel_aspect != 1
-        if layout.packed and is_oblong and video_format.container is not Container.MP4:
+        if layout.packed and is_oblong and video_format.container in _EYE_SHAPED:
             eyes_across = 1 if layout.half else 2 if layout.side_by_side else Fraction(1, 2)
             set_eye_shape(temporary, video_format.pixel_aspect / eyes_across)
         return joiner.num_frames
@@ -265,6 +309,9 @@ class _Pixels:
         """Return the picture as a frame of the encoder's pixel format."""
         if isinstance(picture, Yuv420):
             return self._planar(picture.planes)
+        if self.matrix is not None and self.name == _PRORES_PIXELS:
+            planes = to_yuv422(picture, self.matrix, coded_bits=self.coded_bits)
+            return av.VideoFrame.from_ndarray(np.stack(planes), format=self.name)
         if self.matrix is not None:
             return self._planar(to_yuv420(picture, self.matrix, coded_bits=self.coded_bits))
         if self.name == "bgr0":
@@ -316,6 +363,7 @@ class _SegmentEncoder:
         assert self._pixels is not None
         with self._errors():
             self._frame = self._pixels.frame(picture)
+            _tag_colours(self._frame, self._pixels, self._format.colorimetry)
         self._encode()
 
     def _encode(self) -> None:
@@ -495,6 +543,8 @@ def _pixels_for(picture: Picture | Yuv420, video_format: VideoFormat) -> _Pixels
         name = _LOSSLESS_PIXELS[source_bits, len(picture.shape) == 2]
         return _Pixels(name=name, coded_bits=coded_bits, matrix=None)
     name = "yuv420p" if coded_bits == 8 else "yuv420p10le"
+    if video_format.codec is VideoCodec.PRORES:
+        name = _PRORES_PIXELS
     primaries = video_format.colorimetry.primaries
     matrix = (
         picture.matrix
@@ -508,6 +558,8 @@ def _quality_options(video_format: VideoFormat, picture: Picture | Yuv420) -> di
     if video_format.lossless:
         # Slices are coded in parallel; a line of single samples cannot be cut.
         return {"slices": "4" if min(picture.shape[:2]) >= MIN_SLICED_SIZE else "1"}
+    if video_format.quality is None:
+        return {}
     return {"g": str(KEYFRAME_INTERVAL), "crf": str(video_format.quality)}
 
 
@@ -525,6 +577,15 @@ def _codec_parameters(video_format: VideoFormat) -> dict[str, str]:
         if said.light_level is not None:
             parameters.append(f"content-light={said.light_level.pixel},{said.light_level.frame}")
         return {"svtav1-params": ":".join(parameters)} if parameters else {}
+    if video_format.codec is VideoCodec.HEVC:
+        parameters = [_FIXED_X265, _EXACT_X265]
+        if said.is_hdr:
+            parameters.append("hdr10-opt=0:repeat-headers=1")
+        if said.mastering is not None:
+            parameters.append(f"master-display={_mastering(said.mastering, 50_000, 10_000)}")
+        if said.light_level is not None:
+            parameters.append(f"max-cll={said.light_level.pixel},{said.light_level.frame}")
+        return {"x265-params": ":".join(parameters)}
     if video_format.codec is not VideoCodec.H264:
         return {}
     parameters = ["b-pyramid=none", _EXACT_X264]
@@ -559,21 +620,21 @@ def _sample_aspect(video_format: VideoFormat) -> Fraction:
     return aspect * 2 if layout.side_by_side else aspect / 2
 
 
-def _tag_colours(context: Any, pixels: _Pixels, colorimetry: Colorimetry) -> None:
-    """Say what the samples mean, in the code points of ITU-T H.273.
+def _tag_colours(what: Any, pixels: _Pixels, colorimetry: Colorimetry) -> None:
+    """Say what the samples of a stream or a frame mean, in the code points of ITU-T H.273.
 
     Primaries and transfer are those of the pictures that came in, and only the matrix is a
     choice of ours.
     """
     limited, full, rgb, unspecified = 1, 2, 0, 2
-    context.color_primaries = colorimetry.primaries
-    context.color_trc = colorimetry.transfer
+    what.color_primaries = colorimetry.primaries
+    what.color_trc = colorimetry.transfer
     if pixels.matrix is None:
-        context.color_range = full
-        context.colorspace = unspecified if pixels.name.startswith("gray") else rgb
+        what.color_range = full
+        what.colorspace = unspecified if pixels.name.startswith("gray") else rgb
     else:
-        context.color_range = limited
-        context.colorspace = MATRIX_CODES[pixels.matrix]
+        what.color_range = limited
+        what.colorspace = MATRIX_CODES[pixels.matrix]
 
 
 def _open_segment(path: Path) -> Any:

@@ -172,6 +172,7 @@ class MediaSink:
             and plan.options.frames_dir is None
             and self._format is not None
             and not self._format.lossless
+            and self._format.coded_bits(8) == 8
             and self._layout in UNCHANGED
         )
 

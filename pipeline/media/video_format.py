@@ -19,6 +19,7 @@ class Container(StrEnum):
     MP4 = "mp4"
     MKV = "mkv"
     WEBM = "webm"
+    MOV = "mov"
 
 
 class VideoCodec(StrEnum):
@@ -26,6 +27,9 @@ class VideoCodec(StrEnum):
 
     H264 = "h264"
     """Plays nearly everywhere; carries the stereo layout in the stream itself."""
+
+    HEVC = "hevc"
+    """What headsets, televisions and HDR ask for, above all at large sizes; 10 bits, always."""
 
     VP9 = "vp9"
     """Free of licences; plays in browsers. 8 bits here, whatever the source has."""
@@ -36,19 +40,34 @@ class VideoCodec(StrEnum):
     FFV1 = "ffv1"
     """Lossless: every sample comes back, 8 and 16 bits, grey and RGB, any size."""
 
+    PRORES = "prores"
+    """What editors cut: ProRes 422 HQ, 10 bits, whatever the source has."""
+
 
 CODECS = {
-    Container.MP4: (VideoCodec.H264, VideoCodec.AV1, VideoCodec.VP9),
-    Container.MKV: (VideoCodec.H264, VideoCodec.AV1, VideoCodec.VP9, VideoCodec.FFV1),
+    Container.MP4: (VideoCodec.H264, VideoCodec.HEVC, VideoCodec.AV1, VideoCodec.VP9),
+    Container.MKV: (
+        VideoCodec.H264,
+        VideoCodec.HEVC,
+        VideoCodec.AV1,
+        VideoCodec.VP9,
+        VideoCodec.FFV1,
+        VideoCodec.PRORES,
+    ),
     Container.WEBM: (VideoCodec.VP9, VideoCodec.AV1),
+    Container.MOV: (VideoCodec.PRORES, VideoCodec.H264, VideoCodec.HEVC),
 }
 """What each container can hold; the first is its default."""
 
-DEFAULT_CRF = {VideoCodec.H264: 8, VideoCodec.VP9: 4, VideoCodec.AV1: 3}
+DEFAULT_CRF = {
+    VideoCodec.H264: 8, VideoCodec.HEVC: 10, VideoCodec.VP9: 4, VideoCodec.AV1: 3,
+}  # fmt: skip
 """Constant rate factor that keeps flat colours and ramps within a code value; lower is better and
 larger."""
 
-HIGHEST_CRF = {VideoCodec.H264: 51, VideoCodec.VP9: 63, VideoCodec.AV1: 63}
+HIGHEST_CRF = {
+    VideoCodec.H264: 51, VideoCodec.HEVC: 51, VideoCodec.VP9: 63, VideoCodec.AV1: 63,
+}  # fmt: skip
 
 HIGHEST_FPS = 500
 """Frames a second; Matroska's clock ticks in milliseconds."""
@@ -60,7 +79,7 @@ def container_of(path: Path) -> Container:
     Raises
     ------
     ConfigurationError
-        If the suffix is none of ``.mp4``, ``.mkv`` and ``.webm``.
+        If the suffix is none of ``.mp4``, ``.mkv``, ``.webm`` and ``.mov``.
     """
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in list(Container):
@@ -89,7 +108,8 @@ class VideoFormat:
     fps: Fraction
     """Frames a second, above 0, up to 500."""
     crf: int | None = None
-    """Constant rate factor, 1..51 (h264) or 1..63 (vp9, av1); None: the default. Not for ffv1."""
+    """Constant rate factor, 1..51 (h264, hevc) or 1..63 (vp9, av1); None: the default. Not for
+    ffv1 and prores."""
     pixel_aspect: Fraction = Fraction(1)
     """Width over height of a pixel of one eye, before a layout squeezes it."""
     colorimetry: Colorimetry = field(default_factory=Colorimetry)
@@ -111,7 +131,7 @@ class VideoFormat:
         if self.crf is not None:
             highest = HIGHEST_CRF.get(self.codec)
             if highest is None:
-                raise ConfigurationError(f"--crf: {self.codec} is lossless and takes no quality")
+                raise ConfigurationError(f"--crf: {self.codec} has one quality and takes none")
             if not 1 <= self.crf <= highest:
                 raise ConfigurationError(
                     f"--crf: must be 1 to {highest} for {self.codec}, not {self.crf}"
@@ -164,11 +184,13 @@ class VideoFormat:
 
     @property
     def quality(self) -> int | None:
-        """The constant rate factor in use; None where lossless."""
+        """The constant rate factor in use; None where the codec has none."""
         return self.crf if self.crf is not None else DEFAULT_CRF.get(self.codec)
 
     def coded_bits(self, source_bits: int) -> int:
         """Return the bits a sample that the file keeps of a source of 8 or 16 bits."""
+        if self.codec in (VideoCodec.HEVC, VideoCodec.PRORES):
+            return 10
         if source_bits == 8 or self.codec is VideoCodec.VP9:
             return 8
         return 16 if self.lossless else 10

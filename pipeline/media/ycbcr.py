@@ -94,7 +94,7 @@ def to_yuv420(
         Full range of its type; H and W even.
     matrix : YcbcrMatrix
     coded_bits : int
-        8 or 10; 10 only from uint16 pictures.
+        8 or 10.
 
     Returns
     -------
@@ -109,18 +109,44 @@ def to_yuv420(
     C = (224·E'c + 128)·2ⁿ⁻⁸, rounded once at full resolution and once after
     the chroma filter (1 2 1 across, 1 1 down).
     """
+    luma, *chroma = _full_planes(picture, matrix, coded_bits)
+    blue_difference, red_difference = (_subsample(plane) for plane in chroma)
+    return luma, blue_difference, red_difference
+
+
+def to_yuv422(
+    picture: Picture, matrix: YcbcrMatrix, *, coded_bits: int
+) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
+    """Return the limited-range planes of a picture whose chroma is to lose every other column.
+
+    As :func:`to_yuv420`, but that blue and red difference have the shape of luma still, low-passed
+    across, so that their even columns are those of 4:2:2.
+    """
+    luma, *chroma = _full_planes(picture, matrix, coded_bits)
+    kernel = np.array([[1, 2, 1]], np.float32) / 4
+    blue_difference, red_difference = (
+        cv2.filter2D(plane, -1, kernel, borderType=cv2.BORDER_REPLICATE) for plane in chroma
+    )
+    return luma, blue_difference, red_difference
+
+
+def _full_planes(
+    picture: Picture, matrix: YcbcrMatrix, coded_bits: int
+) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
+    """Return limited-range planes of one size."""
+    if coded_bits > 8 and picture.dtype == np.uint8:
+        picture = picture.astype(np.uint16) * np.uint16(257)
     full, scale = np.iinfo(picture.dtype).max, 2.0 ** (coded_bits - 8)
     coded_type = np.uint8 if coded_bits == 8 else np.uint16
     if picture.ndim == 2:
         levels = np.arange(full + 1) * (219 * scale / full) + 16 * scale
         luma = np.rint(levels).astype(coded_type)[picture]
-        neutral = np.full((luma.shape[0] // 2, luma.shape[1] // 2), 128 * scale, coded_type)
+        neutral = np.full(luma.shape, 128 * scale, coded_type)
         return luma, neutral, neutral
     to_ycbcr = ycbcr_of_rgb(matrix) * (scale / full)
     offset = np.array([[16.0], [128.0], [128.0]]) * scale
     ycbcr = cv2.transform(picture, np.hstack([to_ycbcr, offset]).astype(np.float32))
-    luma, *chroma = cv2.split(ycbcr.astype(coded_type, copy=False))
-    blue_difference, red_difference = (_subsample(plane) for plane in chroma)
+    luma, blue_difference, red_difference = cv2.split(ycbcr.astype(coded_type, copy=False))
     return luma, blue_difference, red_difference
 
 

@@ -138,7 +138,12 @@ def result_files(request: HTTPConnection, record: JobRecord) -> dict[str, Path]:
 
 
 def _media_type(name: str) -> str:
-    ours = {".mkv": "video/x-matroska", ".mp4": "video/mp4", ".webm": "video/webm"}
+    ours = {
+        ".mkv": "video/x-matroska",
+        ".mp4": "video/mp4",
+        ".webm": "video/webm",
+        ".mov": "video/quicktime",
+    }
     return (
         ours.get(Path(name).suffix) or mimetypes.guess_type(name)[0] or "application/octet-stream"
     )

@@ -22,7 +22,7 @@ from pipeline.media.video_format import VideoCodec, VideoFormat
 from pipeline.stereo import StereoLayout
 from service.jobs.paths import OURS
 
-CONTAINERS = ("mkv", "mp4", "webm")
+CONTAINERS = ("mkv", "mp4", "webm", "mov")
 OURS_OF_OUTPUT = ("container", "video", "frames", "master")
 """Fields of the output that stand for those of :class:`pipeline.job.OutputOptions` left out."""
 

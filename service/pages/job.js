@@ -107,6 +107,7 @@ place("export").addEventListener("submit", (event) => {
   const data = new FormData(event.target);
   const kind = data.get("kind");
   const form = { layout: data.get("layout"), container: kind };
+  if (kind === "hevc") Object.assign(form, { container: "mp4", codec: "hevc" });
   if (kind === "ffv1") Object.assign(form, { container: "mkv", codec: "ffv1" });
   if (kind === "png") Object.assign(form, { container: "mkv", video: false, frames: true });
   trying(async () => {

@@ -73,7 +73,8 @@ FORMS = [
     ("mp4", "h264", "sbs"), ("mp4", "h264", "half-sbs"), ("mp4", "h264", "tab"),
     ("mp4", "h264", "half-tab"), ("mkv", "h264", "sbs"), ("mkv", "h264", "half-sbs"),
     ("mkv", "ffv1", "tab"), ("webm", "vp9", "sbs"), ("webm", "av1", "tab"),
-    ("mp4", "h264", "anaglyph"), ("webm", "vp9", "left"),
+    ("mp4", "h264", "anaglyph"), ("webm", "vp9", "left"), ("mp4", "hevc", "sbs"),
+    ("mkv", "hevc", "half-tab"), ("mkv", "prores", "sbs"), ("mov", "prores", "left"),
 ]  # fmt: skip
 
 
@@ -154,6 +155,7 @@ def test_of_mp4_players_and_probes_of_others_read_what_they_read_of_ffmpeg_s_own
     ("container", "codec", "quality"),
     [
         ("mp4", "h264", None), ("mkv", "h264", None), ("webm", "vp9", None), ("webm", "av1", None),
+        ("mp4", "hevc", None), ("mov", "prores", None),
         ("mkv", "ffv1", None), ("mp4", "h264", 1), ("webm", "vp9", 1), ("webm", "av1", 1),
     ],
 )  # fmt: skip
@@ -213,7 +215,8 @@ def _far_from_edges(picture) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("container", "codec"), [("mp4", "h264"), ("webm", "vp9"), ("webm", "av1")]
+    ("container", "codec"),
+    [("mp4", "h264"), ("mp4", "hevc"), ("mov", "prores"), ("webm", "vp9"), ("webm", "av1")],
 )
 @pytest.mark.parametrize("chart", CHARTS)
 def test_every_pixel_of_charts_of_many_kinds_is_within_a_code_value(

@@ -99,7 +99,7 @@ def job_of(film, folder, **output) -> Job:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("codec", [VideoCodec.H264, VideoCodec.AV1])
+@pytest.mark.parametrize("codec", [VideoCodec.H264, VideoCodec.HEVC, VideoCodec.AV1])
 def test_what_is_written_is_read(tmp_path, codec):
     film = write_film(tmp_path / "film.mkv", codec)
     found = told(film)
