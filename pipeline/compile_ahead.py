@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from pipeline.config import REGISTRATION_PRESETS, Settings, Solver
 from pipeline.frames import MultiViewFrame, Place, View
 from pipeline.media.coded import coded
@@ -65,7 +67,8 @@ def compile_kernels(on_step: Callable[[str], None] = lambda _: None) -> int:
     on_step("a video in real time")
     view = frame.view(frame.left)
     assert view.chroma is not None  # it was asked for
-    coded(view.luma, view.chroma, YcbcrMatrix.BT709)
+    for colour in (view.chroma, np.ascontiguousarray(view.chroma[::2, ::2])):
+        coded(view.luma, colour, YcbcrMatrix.BT709)
     return len(kinds) + 5
 
 

@@ -24,7 +24,7 @@ from pipeline.job import Job, OutputOptions
 from pipeline.media.files import check_folder_writable
 from pipeline.media.png import png_path, write_png
 from pipeline.metrics import psnr
-from pipeline.results import FrameResult, SuperResolvedImage
+from pipeline.results import FrameResult, SuperResolvedImage, WholeColour
 from pipeline.run import Tools, run_job
 from pipeline.stop import StopFlag
 from pipeline.superresolve import RegisteredFrame, superresolve
@@ -272,7 +272,7 @@ def _enlarged(
     return SuperResolvedImage(
         view_id=view_id,
         luma=method(luma, grid),
-        chroma=None if chroma is None else method(chroma, grid),
+        colour=None if chroma is None else WholeColour(chroma=method(chroma, grid)),
     )
 
 

@@ -15,7 +15,7 @@ sampling phases exist and both are supported, see :class:`Sampling`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -67,6 +67,15 @@ class Grid:
     def largest(self) -> int:
         """The larger K of the two axes."""
         return max(self.magnification_x, self.magnification_y)
+
+    @property
+    def halved(self) -> Grid:
+        """The grid of half as many HR pixels along each axis; both K are even."""
+        return replace(
+            self,
+            magnification_x=self.magnification_x // 2,
+            magnification_y=self.magnification_y // 2,
+        )
 
     def hr_shape(self, lr_shape: tuple[int, int]) -> tuple[int, int]:
         """Return the (height, width) of the HR image of an LR image of that shape."""

@@ -2,14 +2,45 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from pipeline.effort import FULL, Effort
 from pipeline.frames import ChromaImage, GreyImage, RegisteredView, frozen
+
+
+class Colour(Protocol):
+    """The chroma of an image, made when it is asked for, and no larger than it is wanted."""
+
+    def whole(self) -> ChromaImage:
+        """Return it on the HR grid, (K·H, K·W, 2) float32, 0..255."""
+
+    def halved(self) -> ChromaImage | None:
+        """Return it as 4:2:0 video has it; None where that would have to be made of the whole.
+
+        (K·H/2, K·W/2, 2) float32, on even HR columns and midway between HR rows.
+        """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WholeColour:
+    """The chroma of an image that there is on the HR grid."""
+
+    chroma: ChromaImage
+    """(K·H, K·W, 2) float32."""
+
+    def whole(self) -> ChromaImage:
+        """Return it."""
+        return self.chroma
+
+    def halved(self) -> None:
+        """Return None: there is only the whole."""
+        return None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -19,14 +50,16 @@ class SuperResolvedImage:
     view_id: str
     luma: GreyImage
     """(K·H, K·W) float32, 0..255."""
-    chroma: ChromaImage | None = None
-    """(K·H, K·W, 2) float32, or None for grey input."""
+    colour: Colour | None = None
+    """Its chroma, or None for grey input."""
 
     def __post_init__(self) -> None:
-        for name in ("luma", "chroma"):
-            array = getattr(self, name)
-            if array is not None:
-                object.__setattr__(self, name, frozen(array))
+        object.__setattr__(self, "luma", frozen(self.luma))
+
+    @functools.cached_property
+    def chroma(self) -> ChromaImage | None:
+        """(K·H, K·W, 2) float32, or None for grey input."""
+        return None if self.colour is None else frozen(self.colour.whole())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from pipeline.frames import GreyImage, MultiViewFrame, Place, RegisteredView
 from pipeline.freeview import Neighbour, between, hr_motion
 from pipeline.grid import Grid
 from pipeline.media.info import SceneInfo
-from pipeline.results import FrameResult, SuperResolvedImage
+from pipeline.results import FrameResult, SuperResolvedImage, WholeColour
 
 UNSEEN = 0.02
 """Share of the picture that no neighbour sees from which the report says so."""
@@ -75,7 +75,11 @@ def with_view_between(
         for here, there in ((place.left, place.right), (place.right, place.left))
     ]  # fmt: skip
     made = between(neighbours[0], neighbours[1], place.at)
-    image = SuperResolvedImage(view_id=name, luma=made.luma, chroma=made.chroma)
+    image = SuperResolvedImage(
+        view_id=name,
+        luma=made.luma,
+        colour=None if made.chroma is None else WholeColour(chroma=made.chroma),
+    )
     report = result.report
     unseen = 1.0 - float(made.seen.mean())
     if unseen > UNSEEN:

@@ -22,8 +22,8 @@ def coded(luma: GreyImage, chroma: ChromaImage, matrix: YcbcrMatrix) -> Yuv420:
     ----------
     luma : ndarray of shape (H, W), float32
         BT.601 luma, grey levels 0..255.
-    chroma : ndarray of shape (H, W, 2), float32
-        Cb and Cr around 128.
+    chroma : ndarray of shape (H, W, 2) or (H/2, W/2, 2), float32
+        Cb and Cr around 128; the smaller one where 4:2:0 video has it (H and W are even then).
     matrix : YcbcrMatrix
         Of the result.
 
@@ -33,7 +33,10 @@ def coded(luma: GreyImage, chroma: ChromaImage, matrix: YcbcrMatrix) -> Yuv420:
         With an odd last row or column repeated. It differs from
         :func:`pipeline.media.ycbcr.to_yuv420` of the picture in RGB by the roundings of that.
     """
-    luma, chroma = pad_to_multiple(luma, 2, 2), pad_to_multiple(chroma, 2, 2)
+    is_whole = luma.shape == chroma.shape[:2]
+    luma = pad_to_multiple(luma, 2, 2)
+    if is_whole:
+        chroma = pad_to_multiple(chroma, 2, 2)
     height, width = luma.shape
     change = ycbcr_of_rgb(matrix) @ YCC_TO_RGB / 255
     offset = [16, 128, 128] - change[:, 1:].sum(axis=1) * CHROMA_CENTRE
@@ -43,36 +46,55 @@ def coded(luma: GreyImage, chroma: ChromaImage, matrix: YcbcrMatrix) -> Yuv420:
         red_difference=np.empty((height // 2, width // 2), np.uint8),
         matrix=matrix,
     )
-    _write_luma(luma, chroma, np.array([*change[0], offset[0]], np.float32), planes.luma)
+    mix = np.array([*change[0], offset[0]], np.float32)
+    _write_luma(luma, chroma, 0 if is_whole else 1, mix, planes.luma)
     # of luma nothing is left in them, so that they may be halved first
-    mix = np.hstack([change[1:, 1:] / 8, offset[1:, np.newaxis]]).astype(np.float32)
-    _write_chroma(chroma, mix, planes.blue_difference, planes.red_difference)
+    mix = np.hstack([change[1:, 1:], offset[1:, np.newaxis]]).astype(np.float32)
+    _write_chroma(
+        _halved(chroma) if is_whole else chroma, mix, planes.blue_difference, planes.red_difference
+    )
     return planes
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _write_luma(luma, chroma, change, out):
+def _write_luma(luma, chroma, halvings, change, out):
     least, half, most = np.float32(0), np.float32(0.5), np.float32(255)
     of_luma, of_blue, of_red, offset = change
+    of_chroma = np.empty(luma.shape[1], np.float32)
     for row in range(luma.shape[0]):
+        if row & halvings == 0:
+            for column in range(luma.shape[1]):
+                blue, red = chroma[row >> halvings, column >> halvings]
+                of_chroma[column] = of_blue * blue + of_red * red + offset
         for column in range(luma.shape[1]):
-            level = of_luma * luma[row, column] + offset
-            level += of_blue * chroma[row, column, 0] + of_red * chroma[row, column, 1]
-            out[row, column] = np.uint8(min(max(level, least), most) + half)
+            level = of_luma * luma[row, column] + of_chroma[column]
+            out[row, column] = np.uint8(np.int32(min(max(level, least), most) + half))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _write_chroma(chroma, mix, blue_difference, red_difference):
-    """Halve chroma, 1 2 1 across and 1 1 down, its first column repeated, and mix it."""
-    least, half, most = np.float32(0), np.float32(0.5), np.float32(255)
-    for row in range(blue_difference.shape[0]):
-        for column in range(blue_difference.shape[1]):
+def _halved(chroma):
+    """Return chroma halved, 1 2 1 across and 1 1 down, its first column repeated."""
+    eighth = np.float32(1 / 8)
+    out = np.empty((chroma.shape[0] // 2, chroma.shape[1] // 2, 2), np.float32)
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
             left, middle, right = max(2 * column - 1, 0), 2 * column, 2 * column + 1
             blue = red = np.float32(0)
             for line in (2 * row, 2 * row + 1):
                 before, here, after = chroma[line, left], chroma[line, middle], chroma[line, right]
                 blue += before[0] + 2 * here[0] + after[0]
                 red += before[1] + 2 * here[1] + after[1]
+            out[row, column, 0] = blue * eighth
+            out[row, column, 1] = red * eighth
+    return out
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _write_chroma(chroma, mix, blue_difference, red_difference):
+    least, half, most = np.float32(0), np.float32(0.5), np.float32(255)
+    for row in range(blue_difference.shape[0]):
+        for column in range(blue_difference.shape[1]):
+            blue, red = chroma[row, column]
             level = mix[0, 0] * blue + mix[0, 1] * red + mix[0, 2]
             blue_difference[row, column] = np.uint8(min(max(level, least), most) + half)
             level = mix[1, 0] * blue + mix[1, 1] * red + mix[1, 2]

@@ -177,14 +177,17 @@ class MediaSink:
         )
 
     def _picture(self, image: SuperResolvedImage) -> Picture | Yuv420:
-        if self._is_coded and image.chroma is not None:
+        if self._is_coded and image.colour is not None:
             from pipeline.media.coded import coded  # numba, which a service need not load
 
             height = image.luma.shape[0]
             height += height % 2  # as it is coded
             eyes = 2 if self._layout is StereoLayout.TAB else 1
+            halved = image.colour.halved()
+            chroma = image.chroma if halved is None else halved
+            assert chroma is not None  # it is in colour
             return coded(
-                image.luma, image.chroma, matrix_for(eyes * height, self.plan.colorimetry.primaries)
+                image.luma, chroma, matrix_for(eyes * height, self.plan.colorimetry.primaries)
             )
         if image.chroma is None:
             return to_grey(image.luma, self.plan.bit_depth)

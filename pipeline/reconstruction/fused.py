@@ -31,7 +31,7 @@ from pipeline.reconstruction.learned import REACH, LearnedFilters
 from pipeline.reconstruction.parts import Box, covering_boxes, on_hr_grid, widened, within
 from pipeline.reconstruction.psf import Psf, SeparableTaps, psf_taps, sampling_taps
 from pipeline.reconstruction.realign import realigned
-from pipeline.reconstruction.restoration import bicubic_filter, restoration_of
+from pipeline.reconstruction.restoration import Restoration, bicubic_filter, restoration_of
 from pipeline.reconstruction.system import (
     DATA_SHARE,
     HrImage,
@@ -150,12 +150,16 @@ class FusedResult:
 
 def initial_estimate(reference: GreyImage, grid: Grid) -> HrImage:
     """Return the reference view enlarged by bicubic interpolation at the grid's phase."""
-    enlarge = bicubic_filter(grid)
-    side = enlarge.reach
-    wide = cv2.copyMakeBorder(reference, side, side, side, side, cv2.BORDER_REPLICATE)
-    height, width = reference.shape
+    return filtered(reference, bicubic_filter(grid), grid)
+
+
+def filtered(view: GreyImage, taps: Restoration, grid: Grid) -> HrImage:
+    """Return a view filtered onto a grid; beyond its border lies what is there, repeated."""
+    side = taps.reach
+    wide = cv2.copyMakeBorder(view, side, side, side, side, cv2.BORDER_REPLICATE)
+    height, width = view.shape
     inside = on_hr_grid((slice(side, side + height), slice(side, side + width)), grid)
-    return np.ascontiguousarray(enlarge.apply(wide, grid)[inside])
+    return np.ascontiguousarray(taps.apply(wide, grid)[inside])
 
 
 def estimate_alone(

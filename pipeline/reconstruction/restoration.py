@@ -10,7 +10,9 @@ taps for every LR pixel, one set for each of the K phases.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,6 +107,31 @@ def bicubic_filter(grid: Grid) -> Restoration:
         along_x=bicubic_taps(grid.magnification_x, grid.offset_x),
         along_y=bicubic_taps(grid.magnification_y, grid.offset_y),
     )
+
+
+@functools.lru_cache(maxsize=8)
+def halved_bicubic_filter(grid: Grid) -> Restoration | None:
+    """Return the filter that enlarges so, and then halves as 4:2:0 video does; None where K is odd.
+
+    Its phases are those of :attr:`pipeline.grid.Grid.halved`.
+    """
+    if grid.magnification_x % 2 or grid.magnification_y % 2:
+        return None
+    whole = bicubic_filter(grid)
+    return Restoration(
+        along_x=_halved(whole.along_x, {-1: 0.25, 0: 0.5, 1: 0.25}),
+        along_y=_halved(whole.along_y, {0: 0.5, 1: 0.5}),
+    )
+
+
+def _halved(taps: npt.NDArray[np.float32], shares: Mapping[int, float]) -> npt.NDArray[np.float32]:
+    """Return the taps of every second phase, each the mean of those around it, by their shares."""
+    phases, count = taps.shape
+    found = np.zeros((phases // 2, count + 2), np.float32)
+    for half, (away, share) in itertools.product(range(phases // 2), shares.items()):
+        pixel, phase = divmod(2 * half + away, phases)
+        found[half, 1 + pixel : 1 + pixel + count] += share * taps[phase]
+    return found
 
 
 def restored(reference: GreyImage, grid: Grid, psf: Psf, noise: float) -> npt.NDArray[np.float32]:

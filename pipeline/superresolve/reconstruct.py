@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.colour import interleaved
 from pipeline.config import Settings, Solver
 from pipeline.errors import Interrupted
-from pipeline.frames import ChromaImage, GreyImage, MultiViewFrame, RegisteredView
+from pipeline.frames import GreyImage, MultiViewFrame, RegisteredView
 from pipeline.grid import Grid
 from pipeline.reconstruction.again import fuse_again
 from pipeline.reconstruction.coverage import phase_coverage
@@ -30,12 +29,14 @@ from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.pocs import pocs
 from pipeline.reconstruction.psf import Psf, psf_axes, sampling_taps
 from pipeline.results import (
+    Colour,
     FrameReport,
     FrameResult,
     StartChoice,
     SuperResolvedImage,
     TargetDebug,
     TargetReport,
+    WholeColour,
 )
 from pipeline.superresolve.account import (
     remark_of,
@@ -48,6 +49,7 @@ from pipeline.superresolve.choices import (
     chosen_method,
     default_residual_threshold,
 )
+from pipeline.superresolve.colours import EnlargedColour
 from pipeline.superresolve.due import frames_solved, parts_due, tuning_of
 from pipeline.superresolve.memory import Memory, Solved
 from pipeline.superresolve.register import register_frame
@@ -94,8 +96,9 @@ def reconstruct_frame(
         clock.done("reconstruction")
         images = {result.image.view_id: result.image for result in results}
         for target in registered.targets:
-            chroma = chroma_of(frame, settings, target, registered.sources, psf)
-            images[target] = replace(images[target], chroma=chroma)
+            images[target] = replace(
+                images[target], colour=colour_of(frame, settings, target, registered.sources, psf)
+            )
     clock.done("chroma")
     report = FrameReport(
         frame_index=frame.frame_index,
@@ -306,13 +309,13 @@ def _count_nearest(
     np.add.at(density, (rows, columns), weight[inside])
 
 
-def chroma_of(
+def colour_of(
     frame: MultiViewFrame,
     settings: Settings,
     target: str,
     sources: Sequence[str],
     psf: Psf,
-) -> ChromaImage | None:
+) -> Colour | None:
     """Return the colour of a reference view on the HR grid, None for grey input.
 
     "bicubic" enlarges it; "sr" super-resolves each of its two planes as if it were luma.
@@ -321,12 +324,7 @@ def chroma_of(
     if view.chroma is None:
         return None
     if settings.chroma == "bicubic":
-        enlarged = [
-            initial_estimate(np.ascontiguousarray(view.chroma[..., plane]), settings.grid)
-            for plane in range(2)
-        ]
-        picture = interleaved(enlarged)
-        return np.clip(picture, 0.0, 255.0, out=picture)
+        return EnlargedColour(chroma=view.chroma, grid=settings.grid)
     planes = []
     for plane in range(2):
         views = tuple(
@@ -340,4 +338,4 @@ def chroma_of(
         )  # fmt: skip
         result = reconstruct_frame(registered)
         planes.append(result.images[target].luma)
-    return np.stack(planes, axis=-1)
+    return WholeColour(chroma=np.stack(planes, axis=-1))

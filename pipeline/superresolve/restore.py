@@ -17,7 +17,7 @@ from pipeline.superresolve.account import report_restored
 from pipeline.superresolve.choices import chosen_filters, default_residual_threshold, psf_of
 from pipeline.superresolve.due import MOSTLY_CHANGED, NEW, STILL, WARM, in_turn
 from pipeline.superresolve.memory import Memory
-from pipeline.superresolve.reconstruct import chroma_of
+from pipeline.superresolve.reconstruct import colour_of
 from pipeline.superresolve.stages import Stages
 from pipeline.threads import map_threads, set_threads, stoppable
 
@@ -161,7 +161,7 @@ def _made(
             target: SuperResolvedImage(
                 view_id=target,
                 luma=made.shown,
-                chroma=chroma_of(frame, settings, target, targets, psf),
+                colour=colour_of(frame, settings, target, targets, psf),
             )
             for target, made in found.items()
         }

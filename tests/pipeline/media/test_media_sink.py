@@ -15,7 +15,7 @@ from pipeline.config import Settings
 from pipeline.job import OutputOptions, Segment
 from pipeline.media.decode import VideoReader
 from pipeline.media.media_sink import MediaSink
-from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
+from pipeline.results import FrameReport, FrameResult, SuperResolvedImage, WholeColour
 from pipeline.sink import OutputPlan
 
 FRAMES = 4
@@ -36,7 +36,9 @@ def _results(shape) -> list[FrameResult]:
         waves = [np.sin((columns + number) / 25), np.cos(rows / 37), np.sin((rows - columns) / 29)]
         rgb = (128 + 80 * np.stack(waves, axis=-1)).astype(np.uint8)
         picture = picture_from_rgb(rgb if name == "a" else rgb[::-1], 255.0)
-        return SuperResolvedImage(view_id=name, luma=picture.luma, chroma=picture.chroma)
+        return SuperResolvedImage(
+            view_id=name, luma=picture.luma, colour=WholeColour(chroma=picture.chroma)
+        )
 
     report = FrameReport(
         frame_index=0, noise_sigma=1.0, noise_is_estimated=False, psf_sigma=1.0, psf_support=7,

@@ -1,13 +1,16 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
-from pipeline.colour import Picture, picture_from_rgb
+from pipeline.colour import RGB_TO_YCC, Picture, picture_from_rgb
 from pipeline.colour import to_rgb as rgb_of
+from pipeline.grid import Grid, Sampling
 from pipeline.media.coded import coded
 from pipeline.media.colorimetry import BT2020
 from pipeline.media.ycbcr import YcbcrMatrix, matrix_for, to_yuv420
+from pipeline.superresolve.colours import EnlargedColour
 
 COLOURS = np.array(
     [
@@ -163,3 +166,43 @@ def test_an_odd_last_row_and_column_is_coded_twice():
     )
     for ours, theirs in zip(odd.planes, even.planes, strict=True):
         np.testing.assert_array_equal(ours, theirs)
+
+
+def enlarged(magnification: int, sampling: Sampling) -> tuple[np.ndarray, EnlargedColour]:
+    """Return luma on an HR grid and the colour of a view to go with it."""
+    grid = Grid(magnification_x=magnification, magnification_y=magnification, sampling=sampling)
+    rng = np.random.default_rng(8)
+    chroma = cv2.GaussianBlur(rng.uniform(0, 255, (21, 34, 2)).astype(np.float32), (0, 0), 1.2)
+    luma = rng.uniform(60, 190, grid.hr_shape((21, 34))).astype(np.float32)
+    return luma, EnlargedColour(chroma=chroma, grid=grid)
+
+
+@pytest.mark.parametrize("sampling", list(Sampling))
+@pytest.mark.parametrize("magnification", [2, 4])
+def test_colour_made_at_half_size_is_the_whole_halved_but_for_the_first_column(
+    magnification, sampling
+):
+    luma, colour = enlarged(magnification, sampling)
+    small = coded(luma, colour.halved(), YcbcrMatrix.BT709).planes
+    whole = coded(luma, colour.whole(), YcbcrMatrix.BT709).planes
+    for ours, theirs in zip(small[1:], whole[1:], strict=True):
+        difference = np.abs(ours.astype(int) - theirs)
+        assert difference[:, 1:].max() <= 1  # rounded the other way
+        assert difference[:, 1:].mean() < 0.01
+        assert difference.max() <= 3
+
+
+@pytest.mark.parametrize("matrix", list(YcbcrMatrix))
+def test_a_player_shows_the_luma_that_colour_at_half_size_was_coded_with(matrix):
+    luma, colour = enlarged(2, Sampling.AREA)
+    planes = coded(luma, colour.halved(), matrix).planes
+    code = np.stack([planes[0], *(plane.repeat(2, 0).repeat(2, 1) for plane in planes[1:])])
+    shown = np.tensordot(RGB_TO_YCC[0], to_rgb(code.astype(float), matrix, 8), axes=1)
+    assert np.abs(shown - luma).max() < 1.5  # three codes rounded
+
+
+def test_colour_at_half_size_there_is_where_both_magnifications_are_even():
+    chroma = np.full((4, 6, 2), 128, np.float32)
+    for across, down in [(2, 1), (1, 2), (3, 3), (2, 3)]:
+        grid = Grid(magnification_x=across, magnification_y=down, sampling=Sampling.AREA)
+        assert EnlargedColour(chroma=chroma, grid=grid).halved() is None

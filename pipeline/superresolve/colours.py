@@ -1,0 +1,44 @@
+"""The colour of an image, enlarged when it is asked for, and no larger than it is wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.colour import interleaved
+from pipeline.frames import ChromaImage
+from pipeline.grid import Grid
+from pipeline.reconstruction.fused import filtered
+from pipeline.reconstruction.restoration import (
+    Restoration,
+    bicubic_filter,
+    halved_bicubic_filter,
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EnlargedColour:
+    """Chroma of a view, enlarged by bicubic interpolation; see :class:`pipeline.results.Colour`."""
+
+    chroma: ChromaImage
+    """(H, W, 2) float32, of the view."""
+    grid: Grid
+
+    def whole(self) -> ChromaImage:
+        """Return it on the HR grid, clipped to 0..255."""
+        picture = self._filtered(bicubic_filter(self.grid), self.grid)
+        return np.clip(picture, 0.0, 255.0, out=picture)
+
+    def halved(self) -> ChromaImage | None:
+        """Return what :func:`pipeline.media.coded.coded` makes of the whole; None where K is odd.
+
+        Each plane is filtered once, by the taps of enlarging and halving together: values beyond
+        0..255 are not clipped, and beyond a border lies what the view repeats there.
+        """
+        taps = halved_bicubic_filter(self.grid)
+        return None if taps is None else self._filtered(taps, self.grid.halved)
+
+    def _filtered(self, taps: Restoration, grid: Grid) -> ChromaImage:
+        planes = (np.ascontiguousarray(self.chroma[..., plane]) for plane in range(2))
+        return interleaved([filtered(plane, taps, grid) for plane in planes])
