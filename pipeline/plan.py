@@ -38,8 +38,8 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
     hr_shape = grid.hr_shape(info.lr_shape)
     _check_psf(job.settings, hr_shape)
     sound, warnings = _sound(job, info)
-    if job.output.output is not None and info.colorimetry.is_hdr and _is_vp9(job.output):
-        warnings += (f"{job.output.output}: vp9 keeps 8 bits, few for high dynamic range: av1 10",)
+    if info.colorimetry.is_hdr:
+        warnings += tuple(_lost_of_hdr(job.output, layout))
     return OutputPlan(
         options=replace(job.output, layout=layout),
         targets=targets,
@@ -78,9 +78,14 @@ def _sound(job: Job, info: SceneInfo) -> tuple[Sound | None, tuple[str, ...]]:
     return sound, (f"{job.output.output}: a .{container} file takes no {codec} sound: it has none",)
 
 
-def _is_vp9(output: OutputOptions) -> bool:
-    assert output.output is not None
-    return (output.codec or CODECS[container_of(output.output)][0]) == VideoCodec.VP9
+def _lost_of_hdr(output: OutputOptions, layout: str) -> Iterator[str]:
+    """Yield what does not come out right of high dynamic range."""
+    if layout == StereoLayout.ANAGLYPH:
+        yield "anaglyph mixes the eyes as if they were of ordinary range, not of high dynamic range"
+    if output.output is None:
+        return
+    if (output.codec or CODECS[container_of(output.output)][0]) == VideoCodec.VP9:
+        yield f"{output.output}: vp9 keeps 8 bits, few for high dynamic range: av1 keeps 10"
 
 
 def _pixel_aspect(info: SceneInfo, grid: Grid) -> Fraction:

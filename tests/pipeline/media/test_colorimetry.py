@@ -153,12 +153,11 @@ def test_colours_of_high_dynamic_range_come_out_as_they_went_in(tmp_path):
         assert np.abs(there - COLOUR).max() < 0.01 * 65535
 
 
-def test_a_job_that_keeps_8_bits_of_high_dynamic_range_says_so(tmp_path):
+def test_what_does_not_come_out_right_of_high_dynamic_range_is_said(tmp_path):
     film = write_film(tmp_path / "film.mkv")
-    job = Job(
-        scene=film, settings=Settings(), output=OutputOptions(output=tmp_path / "out.webm")
-    )  # fmt: skip
-    assert any("8 bits" in text for text in warnings_of(job))
+    output = OutputOptions(output=tmp_path / "out.webm", layout="anaglyph")
+    told = warnings_of(Job(scene=film, settings=Settings(), output=output))
+    assert sum("8 bits" in text or "anaglyph" in text for text in told) == 2
 
 
 def test_probe_says_it(tmp_path):
