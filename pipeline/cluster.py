@@ -221,8 +221,11 @@ class ClusterEngine:
                 raise ClusterError(f"--cluster {self.address}: worker {address}: {answer}")
 
     def _settle(self, segment: Segment, future: Future) -> None:
-        """Raise what went wrong with a segment, if anything."""
-        if future.status == "finished":
+        """Raise what went wrong with a segment, if anything.
+
+        A segment whose worker died after its end is lost to Dask, not to us: its files are there.
+        """
+        if future.status in ("finished", "lost"):
             return
         if future.status != "error":
             raise ClusterError(

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cloudpickle
 import pytest
@@ -20,7 +21,7 @@ from pipeline.cluster import ClusterEngine, _call, examine
 from pipeline.config import Settings
 from pipeline.errors import ClusterError, Interrupted, SceneError
 from pipeline.events import FrameFinished, SegmentFinished
-from pipeline.job import Job, OutputOptions
+from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
 from pipeline.media.media_sink import MediaSink
 from pipeline.run import run_job
 from pipeline.stop import StopFlag
@@ -76,10 +77,14 @@ class Cluster:
         self._processes[0].kill()
         self._processes[0].wait()
 
-    def close(self) -> None:
-        for process in reversed(self._processes):
+    def lose_workers(self) -> None:
+        for process in self._processes[1:]:
             process.kill()
             process.wait()
+
+    def close(self) -> None:
+        self.lose_workers()
+        self.lose_scheduler()
 
 
 @pytest.fixture(scope="module")
@@ -111,14 +116,14 @@ class Held(MediaSink):
         return super().write_segment(segment, stem, held())
 
 
-def _job(manifest: Path, folder: Path, *, segment_length: int = 2) -> Job:
+def _job(manifest: Path, folder: Path, **settings: Any) -> Job:
     folder.mkdir()
     return Job(
         scene=manifest,
-        settings=Settings(temporal="warm"),
+        settings=Settings(**{"temporal": "warm", **settings}),
         output=OutputOptions(
             output=folder / "out.mkv", frames_dir=folder / "frames",
-            report=folder / "report.json", segment_length=segment_length,
+            report=folder / "report.json", segment_length=2,
         ),
     )  # fmt: skip
 
@@ -183,6 +188,35 @@ def test_a_worker_killed_in_the_middle_costs_a_retry_and_no_bit(cluster, manifes
     assert sorted(path.name for path in (tmp_path / "job").iterdir()) == [
         "frames", "out.mkv", "report.json",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("settings", [{"temporal": "swift"}, {"temporal_window": 1}], ids=str)
+def test_what_looks_at_other_frames_comes_out_as_at_home(cluster, manifest, tmp_path, settings):
+    def made(name, engine=None):
+        job = _job(manifest, tmp_path / name, **settings)
+        run_job(replace(job, input=InputOptions(frames=FrameRange.parse(":4"))), engine=engine)
+        return _bytes(tmp_path / name)
+
+    with ClusterEngine(cluster.address, patience=PATIENCE) as engine:
+        assert made("cluster", engine) == made("local")
+
+
+def test_what_workers_have_finished_does_not_die_with_them(cluster, manifest, local, tmp_path):
+    """To Dask it is lost, and nobody is left to make it again; it lies where it was written."""
+
+    def are_all(status):
+        return {state.status for state in engine._client.futures.values()} == {status}
+
+    def on_event(event):
+        if isinstance(event, FrameFinished) and event.done == 1:
+            until(lambda: are_all("finished"))
+            cluster.lose_workers()
+            until(lambda: are_all("lost"))
+
+    with ClusterEngine(cluster.address, patience=PATIENCE) as engine:
+        run_job(_job(manifest, tmp_path / "job"), engine=engine, on_event=on_event)
+    cluster.worker()
+    assert _bytes(tmp_path / "job") == local
 
 
 def test_a_stop_ends_the_workers_tasks_and_a_resumed_run_goes_on(
