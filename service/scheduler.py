@@ -107,8 +107,8 @@ class Scheduler:
 
     def cancel(self, job_id: str) -> JobRecord:
         """Cancel a job, running or not."""
-        record = self.store.act(job_id, Action.CANCEL)
-        with self._lock:
+        with self._lock:  # what has been taken has its worker
+            record = self.store.act(job_id, Action.CANCEL)
             worker = self._workers.get(job_id)
         if worker is not None:
             worker.cancel()
@@ -145,10 +145,10 @@ class Scheduler:
 
     def _fill(self) -> None:
         while self.busy < self.config.workers and self._has_room and not self._closing:
-            record = self.store.take(self.config.lease)
-            if record is None:
-                break
             with self._lock:
+                record = self.store.take(self.config.lease)
+                if record is None:
+                    break
                 worker = _Worker(self, record, self._rested(record.client))
                 self._workers[record.id] = worker
             worker.start()
@@ -203,7 +203,8 @@ class Scheduler:
 
     def _ended(self, worker: _Worker, process: _Process | None) -> None:
         with self._lock:
-            self._workers.pop(worker.record.id, None)
+            if self._workers.get(worker.record.id) is worker:  # else it was retried at once
+                del self._workers[worker.record.id]
             if process is not None:
                 process.rests_since = time.monotonic()
                 self._resting.append(process)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 import uuid
@@ -9,7 +10,7 @@ from pathlib import Path
 
 from service import scheduler as scheduling
 from service.config import ServiceConfig
-from service.jobs.states import State
+from service.jobs.states import State, TransitionError
 from service.scheduler import Scheduler
 from service.store import Store
 from tests.support.waiting import PATIENCE, until
@@ -46,6 +47,38 @@ def _add(store, scene, client, priority):
     job_id = uuid.uuid4().hex
     store.create_job(job_id=job_id, client=client, request=request, priority=priority)
     return job_id
+
+
+def test_a_job_cancelled_in_the_moment_it_is_taken_has_a_worker_that_is_told(tmp_path, tiny_scene):
+    class Cancelling(Store):
+        """Somebody cancels what is taken before it is given to a worker, or waits to do that."""
+
+        def take(self, lease):
+            record = super().take(lease)
+            if record is not None:
+                threads.append(threading.Thread(target=scheduler.cancel, args=(record.id,)))
+                threads[0].start()
+                until(lambda: scheduler._lock.locked() or self.job(record.id).state.is_final)
+            return record
+
+    def cancel(job):
+        with contextlib.suppress(TransitionError):  # it was done first
+            scheduler.cancel(job)
+
+    ended, threads = threading.Semaphore(0), []
+    store = Cancelling(tmp_path)
+    config = ServiceConfig(data=tmp_path, workers=1, worker_threads=1, worker_nice=0)
+    scheduler = Scheduler(store, config, on_end=lambda job: ended.release())
+    job = _add(store, tiny_scene, "anna", 1)
+    scheduler.start()
+    try:
+        assert ended.acquire(timeout=PATIENCE)
+        threads[0].join(PATIENCE)
+        kinds = [event.kind for event in store.events(job)]
+    finally:
+        scheduler.close()
+        store.close()
+    assert kinds[-1] in ("cancelled", "succeeded"), "and nothing is said after that"
 
 
 def test_jobs_of_one_client_share_a_process_that_nobody_else_gets(
