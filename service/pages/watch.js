@@ -177,6 +177,7 @@ async function look() {
     if (file) report = await ask(file.url);
     place("plots").replaceChildren(...plotsOf(report).slice(0, 2));
     place("frame-panel").hidden = !report.frames;
+    if (players.result) showPlace(); // of what stands still, no other picture may come
   }
   showNumbers();
 }

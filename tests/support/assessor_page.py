@@ -109,12 +109,16 @@ class AssessorPage:
         """Press the button that leads on, and wait until the page has taken it."""
         self.lead_on(lambda button: button.click())
 
-    def lead_on(self, press: Callable[[Any], None]) -> None:
-        """Press the button that leads on in a way of one's own, and wait likewise."""
+    def lead_on(self, press: Callable[[Any], None], *, again_ms: int = PATIENCE_MS) -> None:
+        """Press the button that leads on in a way of one's own, and wait likewise.
+
+        Where the page has not taken it after so long, it is pressed again.
+        """
         button = self.page.wait_for_selector("main button.main:enabled")
-        press(button)
-        for _ in range(PATIENCE_MS // 20):
+        for number in range(PATIENCE_MS // 20):
             try:
+                if number % (again_ms // 20) == 0:
+                    press(button)
                 if button.evaluate("(one) => !one.isConnected || one.disabled"):
                     return
             except Error:  # the page was loaded anew

@@ -155,9 +155,16 @@ def test_fingers_grade_as_pointers_do(enter, make_test, operator, plan):
     assert seat.page.evaluate("[scrollY, document.querySelector('main').scrollTop]") == [0, 0]
     # a browser takes a tap amid a finger's last move for the end of that
     seat.page.wait_for_timeout(600)
-    seat.lead_on(lambda button: button.tap())
+    seat.lead_on(lambda button: button.tap(), again_ms=3000)
     seat.wait_until_sent()
     assert given(votes_of(operator, test)) == [{"A": first, "B": second}]
+
+
+BAR_STAYS = """() => {
+  const wait = window.setTimeout;
+  window.setTimeout = (act, ms, ...more) => (ms === 3000 ? 0 : wait(act, ms, ...more));
+}"""
+"""Once it is there it does not go again, however long a loaded machine takes to touch it."""
 
 
 def test_fingers_switch_freely(enter, make_test, operator, plan):
@@ -179,6 +186,7 @@ def test_fingers_switch_freely(enter, make_test, operator, plan):
     assert buttons["A zeigen"].get_attribute("aria-pressed") == "true"
     assert buttons["Bewerten"].is_disabled()
     seat.page.wait_for_selector("main[data-bar=no]", state="attached")
+    seat.page.evaluate(BAR_STAYS)
     places = {name: seat.middle_of(f"main button >> nth={at}") for at, name in enumerate(buttons)}
     seat.page.touchscreen.tap(*places["B zeigen"])  # nothing is there to be touched by accident
     seat.page.wait_for_selector("main[data-bar=yes]", state="attached")

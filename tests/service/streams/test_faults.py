@@ -28,7 +28,7 @@ def stage(tmp_path_factory, tiny_scene):
     endpoint = free_endpoint()
     options = (
         "--zenoh", "router", "--zenoh-listen", endpoint, "--worker-threads", "1",
-        "--max-payload", "1", "--max-rate", "30", "--max-streams", "1",
+        "--max-payload", "1", "--max-rate", "30", "--max-streams", "1", "--grace", "300",
     )  # fmt: skip
     service = LiveService(folder / "data", options)
     stage = Stage(service, endpoint)
@@ -176,10 +176,13 @@ def test_what_is_malformed_is_counted_and_harms_nobody(stage):
     done = stage.status("tiny")["status"]["frames_done"]
     until(lambda: stage.status("tiny")["status"]["frames_done"] > done + 5)
     assert stage.status("tiny")["run"] == 1
-    text = httpx.get(f"{stage.service.url}/metrics", timeout=PATIENCE).text
-    assert 'depthsr_stream_dropped_total{reason="malformed",stream="tiny"}' in text
-    assert 'depthsr_streams{state="live"} 1.0' in text
-    assert "depthsr_manifests_refused_total" in text
+
+    def numbers():
+        return httpx.get(f"{stage.service.url}/metrics", timeout=PATIENCE).text
+
+    until(lambda: 'depthsr_streams{state="live"} 1.0' in numbers())  # idle, where the source lags
+    assert 'depthsr_stream_dropped_total{reason="malformed",stream="tiny"}' in numbers()
+    assert "depthsr_manifests_refused_total" in numbers()
 
 
 def test_a_flood_is_dropped_before_it_is_copied(stage):
@@ -265,7 +268,7 @@ def test_the_service_ends_in_its_time_with_sources_and_subscribers_there(stage):
     begin = time.monotonic()
     try:
         assert stage.service.end() in (0, -signal.SIGTERM)
-        assert time.monotonic() - begin < 12
+        assert time.monotonic() - begin < 60  # not when the grace is over
     finally:
         stalled.kill()
     assert not os.path.exists(f"/proc/{worker}")

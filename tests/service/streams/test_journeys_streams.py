@@ -43,11 +43,12 @@ def expected(tiny_scene):
 
 
 def test_a_scene_is_published_served_and_received(make_stage, tiny_scene, expected, tmp_path):
-    stage = make_stage()
+    stage = make_stage("--grace", "300")
     asked = {
         "id": "tiny",
         "settings": {"temporal": "cold"},
-        "options": {"quality": 1, "real_time": False},
+        # a part that the machine is slow to send is waited for, a frame without one left out
+        "options": {"quality": 1, "real_time": False, "wait": 10, "missing_depth": "drop"},
     }
     made = httpx.post(f"{stage.service.url}/api/v1/streams", json=asked, timeout=PATIENCE)
     assert (made.status_code, made.headers["location"]) == (201, "/api/v1/streams/tiny")
@@ -75,7 +76,7 @@ def test_a_scene_is_published_served_and_received(make_stage, tiny_scene, expect
     assert cameras.returncode == 0
     begin = time.monotonic()
     assert stage.service.end() in (0, -signal.SIGTERM)
-    assert time.monotonic() - begin < 15
+    assert time.monotonic() - begin < 60  # not when the grace is over
 
 
 def test_of_a_stream_that_never_comes_no_file_is_said_to_be_written(make_stage, tmp_path):
