@@ -21,7 +21,7 @@ def add_serve(commands: Any) -> None:
     """Add the subcommands to the command line."""
     from pipeline.config import Settings
     from pipeline.job import InputOptions, OutputOptions
-    from service.jobs.paths import OURS
+    from service.jobs.paths import NO_EXPORTS, NOT_OF_EXPORTS, OURS
     from service.options import add_options
 
     serve = commands.add_parser(
@@ -76,8 +76,10 @@ def add_serve(commands: Any) -> None:
         "-o", "--output", type=Path, metavar="FILE", required=True,
         help="where to write the video; a .zip is a lossless PNG of each eye and frame",
     )  # fmt: skip
-    not_theirs = (*OURS, "view_at", "segment_length")
-    add_options(export.add_argument_group("output"), OutputOptions, leave_out=not_theirs)
+    add_options(
+        export.add_argument_group("output"), OutputOptions,
+        leave_out=NOT_OF_EXPORTS, without=NO_EXPORTS,
+    )  # fmt: skip
     export.set_defaults(command=_run_export)
     _add_later(commands)
 

@@ -268,4 +268,8 @@ def _refused(answer: httpx.Response) -> ServiceError:
         text = f"{problem['title']}: {problem['detail']}"
     except (ValueError, KeyError, TypeError):
         problem, text = {}, answer.text[:200]
+    if answer.status_code == 401:  # it says which header it misses
+        is_unknown = "Authorization" in answer.request.headers
+        text = "it does not know this token; give another" if is_unknown else "give a token"
+        text += " with --token or DEPTHSR_TOKEN"
     return ServiceError(f"the service answered {answer.status_code}: {text}", problem=problem)

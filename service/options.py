@@ -18,12 +18,15 @@ Container = argparse.ArgumentParser | argparse._ArgumentGroup
 ALIASES: Mapping[str, tuple[str, ...]] = {"quality": ("--crf",)}
 """Further spellings of options, by field name."""
 
+NOTHING: Mapping[str, tuple[str, ...]] = {}
+
 
 def add_options(
     parser: Container,
     kind: type,
     *,
     leave_out: Iterable[str] = (),
+    without: Mapping[str, tuple[str, ...]] = NOTHING,
     aliases: Mapping[str, tuple[str, ...]] = ALIASES,
 ) -> None:
     """Add one option for every field of a dataclass; an option not given is not set.
@@ -36,6 +39,8 @@ def add_options(
         A dataclass whose fields were made by :func:`pipeline.config.setting`.
     leave_out : iterable of str
         Fields that get no option here.
+    without : mapping
+        Choices that are not offered here, by field name.
     aliases : mapping
         Further spellings by field name.
     """
@@ -50,7 +55,7 @@ def add_options(
                 help=_help(item),
             )  # fmt: skip
             continue
-        choices = item.metadata["choices"]
+        choices = [one for one in item.metadata["choices"] if one not in without.get(item.name, ())]
         parser.add_argument(
             *names,
             dest=item.name,

@@ -429,9 +429,9 @@ def describe_stereo_video(path: Path, input_layout: str | None = None) -> SceneD
             if beside is not None:
                 return beside
             raise SceneError(
-                "does not say how its views are packed; say it with --input-layout "
-                f"({', '.join(PackedLayout)}). If it is one eye's, name the other's alike "
-                "(clip_left.mov, clip_right.mov)",
+                "does not say how its views are packed: the input layout must "
+                f"(--input-layout: {', '.join(PackedLayout)}). If it is one eye's, name the "
+                "other's alike (clip_left.mov, clip_right.mov)",
                 path=path,
             )
         half, because = named_half, "name"
@@ -441,7 +441,8 @@ def describe_stereo_video(path: Path, input_layout: str | None = None) -> SceneD
         origin = tag.origin if tag is not None else "file name"
         notes.append(
             f"read as {layout.value}: {arrangement} by the {origin}, "
-            f"{'half' if half else 'full'} size by the {because}; --input-layout says otherwise"
+            f"{'half' if half else 'full'} size by the {because}; "
+            "the input layout (--input-layout) says otherwise"
         )
     views = tuple(
         ViewDescription(

@@ -66,9 +66,7 @@ def create(
     if not (folder / MASTER).is_file():
         raise ProblemError("conflict", "the job has kept no lossless master to export from")
     name = parent.request.get("name", "result")
-    options = export_options(form, Path("results"), name)  # is it possible?
-    if options.layout == "views":
-        raise ProblemError("invalid", "layout: a master has the two eyes only")
+    export_options(form, Path("results"), name)  # is it possible?
     check_queue(state, client)
     check_space(state, client, 0)
     record, _ = state.store.create_job(

@@ -10,6 +10,7 @@ import dataclasses
 import re
 import types
 import typing
+from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
@@ -20,7 +21,8 @@ from pipeline.config import Settings
 from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
 from pipeline.media.video_format import VideoCodec, VideoFormat
 from pipeline.stereo import StereoLayout
-from service.jobs.paths import OURS
+from service.jobs.paths import NO_EXPORTS, NOT_OF_EXPORTS, OURS
+from service.options import NOTHING
 
 CONTAINERS = ("mkv", "mp4", "webm", "mov")
 OURS_OF_OUTPUT = ("container", "video", "frames", "master")
@@ -35,8 +37,21 @@ MAX_NAME = 200
 """Longest name of an uploaded file, characters."""
 
 
-def fields_model(name: str, kind: type, *, leave_out: tuple[str, ...] = (), **more: Any) -> Any:
-    """Return a pydantic model of the fields of a settings dataclass."""
+def fields_model(
+    name: str,
+    kind: type,
+    *,
+    leave_out: tuple[str, ...] = (),
+    without: Mapping[str, tuple[str, ...]] = NOTHING,
+    **more: Any,
+) -> Any:
+    """Return a pydantic model of the fields of a settings dataclass.
+
+    Parameters
+    ----------
+    leave_out, without
+        As for :func:`service.options.add_options`.
+    """
     hints = typing.get_type_hints(kind)
     fields: dict[str, Any] = {}
     for item in dataclasses.fields(kind):
@@ -49,7 +64,10 @@ def fields_model(name: str, kind: type, *, leave_out: tuple[str, ...] = (), **mo
         }
         hint, default = hints[item.name], item.default
         if item.metadata["choices"]:
-            literal: Any = Literal[item.metadata["choices"]]
+            left_out = without.get(item.name, ())
+            literal: Any = Literal[
+                tuple(one for one in item.metadata["choices"] if one not in left_out)
+            ]
             hint = literal | None if default is None else literal
         elif hint is FrameRange:
             hint, default = str, ":"
@@ -78,7 +96,8 @@ OutputModel = fields_model(
 ExportForm = fields_model(
     "ExportForm",
     OutputOptions,
-    leave_out=(*OURS, "segment_length"),
+    leave_out=NOT_OF_EXPORTS,
+    without=NO_EXPORTS,
     container=(Literal[CONTAINERS], Field("mkv", description="container of the video")),
     video=(bool, Field(True, description="write a video")),
     frames=(bool, Field(False, description="write lossless PNG of every frame")),

@@ -305,7 +305,8 @@ def halves(source) -> list[str]:
 )
 def test_an_untold_video_is_read_as_it_is_told(tmp_path, layout, size, split, eye, aspect):
     path = write_stereo(tmp_path / "clip.mkv", size, split=split)
-    with pytest.raises(SceneError, match=r"clip\.mkv: does not say .* --input-layout"):
+    said = r"clip\.mkv: does not say .*: the input layout must \(--input-layout: sbs, half-sbs"
+    with pytest.raises(SceneError, match=said):
         open_scene(path)
     with open_scene(path, input_layout=layout) as source:
         info = source.info

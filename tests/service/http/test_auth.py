@@ -6,8 +6,11 @@ import httpx
 import pytest
 
 from pipeline.errors import ConfigurationError
+from service.cli import main
+from service.config import ServiceConfig
 from service.http import auth
 from service.http.auth import Tokens
+from tests.service.http.test_watch import OnAir
 from tests.support.waiting import PATIENCE
 
 FILE = """# who may do what
@@ -59,6 +62,19 @@ def test_scopes_owners_cookies_and_signed_addresses(make_service, tokens, tiny_s
         assert api.get(where).status_code == 200  # by the cookie
     service.end()
     assert "secret" not in (service.data.parent / "data.log").read_text()
+
+
+def test_a_command_that_is_not_let_in_is_told_what_to_give(tmp_path, tokens, capsys, monkeypatch):
+    monkeypatch.delenv("DEPTHSR_TOKEN", raising=False)
+    config = ServiceConfig(data=tmp_path / "data", workers=0, zenoh="off", token_file=tokens)
+    with OnAir(config) as service:
+        for token, said in (
+            ([], "401: give a token with --token or DEPTHSR_TOKEN"),
+            (["--token", "x"], "401: it does not know this token; give another with --token or"),
+        ):
+            for words in (["jobs"], ["fetch", "x", "-o", "x.mkv"]):  # that one follows events
+                assert main([*words, "--server", f"http://{service.address}", *token]) == 1
+                assert said in capsys.readouterr().err
 
 
 def test_signatures_run_out(tokens, monkeypatch):

@@ -17,7 +17,9 @@ from pipeline.media.encode import join_segments, write_segment
 from pipeline.media.video_format import VideoFormat
 from pipeline.stereo import StereoLayout
 from service.cli import main
+from service.config import ServiceConfig
 from tests.service.http.test_api import follow, is_problem
+from tests.service.http.test_watch import OnAir
 from tests.support.waiting import PATIENCE
 
 BODY = {"scene": "tiny", "input": {"frames": ":2"}, "output": {"segment_length": 1}}
@@ -67,7 +69,8 @@ def test_a_finished_job_is_exported_in_other_forms(api):
     assert listed[0]["request"]["of"] == job
     is_problem(api.post(where, json={"container": "webm", "codec": "h264"}), 422,
                "configuration-error")  # fmt: skip
-    is_problem(api.post(where, json={"layout": "views"}), 422, "invalid")
+    for not_of_a_pair in ({"layout": "views"}, {"view_at": 0.5}):
+        is_problem(api.post(where, json=not_of_a_pair), 422, "invalid")
     is_problem(api.post(f"/api/v1/jobs/{made[0]}/exports", json={}), 409, "conflict")
     assert api.delete(f"/api/v1/jobs/{job}").status_code == 204
     assert _names(api, made[0]) == {"tiny_3D_HSBS_LR.mp4"}
@@ -86,6 +89,8 @@ def test_the_command_fetches_a_form_of_a_finished_job(api, live_service, tmp_pat
     with zipfile.ZipFile(pictures) as archive:
         assert archive.namelist() == ["frames/left-000000.png", "frames/right-000000.png"]
     assert capsys.readouterr().out.count("wrote ") == 2
+    assert main(["export", job, *server, "-o", "tv.mkv", "--layout", "views"]) == 2
+    assert "anaglyph" in capsys.readouterr().err  # which can be had
     assert main(["export", job, *server, "-o", "tv.avi"]) == 1
     assert "container" in capsys.readouterr().err
 
@@ -107,11 +112,20 @@ def test_the_commands_find_a_job_again(api, live_service, tmp_path, capsys):
     assert main(["fetch", job, *server, "-o", str(tmp_path / "out.mp4")]) == 1
     assert "has made again_3D_SBS_LR.mkv" in capsys.readouterr().err
     assert not (tmp_path / "out.mp4").exists()
-    unwanted = api.post("/api/v1/jobs", json=BODY).json()["id"]
-    assert main(["cancel", unwanted, *server]) == 0
-    assert capsys.readouterr().out in ("cancelled\n", "cancelling\n")
-    assert main(["fetch", unwanted, *server, "-o", str(tmp_path / "none.mkv")]) == 1
-    assert f"job {unwanted} cancelled" in capsys.readouterr().err
+
+
+def test_the_commands_cancel_a_job_and_fetch_nothing_of_it(tmp_path, tiny_scene, capsys):
+    """By a service that does none: another might be done with it first."""
+    roots = (tiny_scene.parent,)
+    config = ServiceConfig(data=tmp_path / "data", workers=0, zenoh="off", roots=roots)
+    with OnAir(config) as idle:
+        server = ("--server", f"http://{idle.address}")
+        made = httpx.post(f"{server[1]}/api/v1/jobs", json=BODY, timeout=PATIENCE)
+        unwanted = made.json()["id"]
+        assert main(["cancel", unwanted, *server]) == 0
+        assert capsys.readouterr().out == "cancelled\n"
+        assert main(["fetch", unwanted, *server, "-o", str(tmp_path / "none.mkv")]) == 1
+        assert f"job {unwanted} cancelled" in capsys.readouterr().err
 
 
 def test_forms_asked_for_at_the_start_come_with_the_results(api):
