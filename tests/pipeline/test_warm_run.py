@@ -21,6 +21,8 @@ from pipeline.segments import WATCHED, warm_up
 from pipeline.synthetic import SampleScene, write_scene
 
 NUM_FRAMES = 8
+CHAINED = ("swift", "warm")
+"""What carries something from frame to frame."""
 
 
 def _job(
@@ -56,14 +58,26 @@ def whole(manifest, tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("temporal", ["swift", "warm"])
-def test_the_picture_does_not_jump_where_segments_meet(tmp_path, temporal):
+def _until_it_has_forgotten(temporal: str) -> int:
+    """Return the first frame before which a segment sees nothing of the scene's first one."""
+    return WATCHED + warm_up(temporal) + 1
+
+
+@pytest.fixture(scope="module")
+def long_manifest(tmp_path_factory):
+    scene = SampleScene(width=160, height=120, num_views=2)
+    folder = tmp_path_factory.mktemp("long") / "scene"
+    longest = max(map(_until_it_has_forgotten, CHAINED))
+    return write_scene(folder, scene, num_frames=longest + 1, noise_sigma=2.0)
+
+
+@pytest.mark.parametrize("temporal", CHAINED)
+def test_the_picture_does_not_jump_where_segments_meet(long_manifest, tmp_path, temporal):
     """The second segment sees nothing of the first frames, which the uncut run began with."""
-    length = WATCHED + warm_up(temporal) + 1
-    scene = SampleScene(width=192, height=144, num_views=4)
-    manifest = write_scene(tmp_path / "scene", scene, num_frames=length + 1, noise_sigma=2.0)
-    run_job(_job(manifest, tmp_path / "cut", length, temporal))
-    run_job(_job(manifest, tmp_path / "uncut", length + 1, temporal))
+    length = _until_it_has_forgotten(temporal)
+    for name, segment_length in (("cut", length), ("uncut", length + 1)):
+        job = _job(long_manifest, tmp_path / name, segment_length, temporal)
+        run_job(replace(job, input=InputOptions(frames=FrameRange(start=0, stop=length + 1))))
     cut, uncut = _pictures(tmp_path / "cut"), _pictures(tmp_path / "uncut")
     assert cut.keys() == uncut.keys()
     differing = [name for name in cut if cut[name] != uncut[name]]
@@ -90,7 +104,7 @@ def test_nothing_outside_the_frames_asked_for_is_read(manifest, tmp_path):
     assert read == list(asked)
 
 
-@pytest.mark.parametrize("temporal", ["swift", "warm"])
+@pytest.mark.parametrize("temporal", CHAINED)
 def test_a_resumed_run_equals_an_undisturbed_one(manifest, whole, tmp_path, temporal):
     if temporal != "warm":
         whole = tmp_path / "whole"
