@@ -46,15 +46,24 @@ def _add_publish(commands: Any) -> None:
 
     parser = commands.add_parser(
         "publish",
-        help="play a scene as live cameras, into a stream",
-        description="Play a scene as live cameras: the manifest, then every view's picture and "
-        "depth map at its time, over zenoh.",
+        help="send live cameras, or a scene as if it were some, into a stream",
+        description="Send into a stream, over zenoh, what cameras on the network see (--camera for "
+        "each); or play a scene as live cameras: the manifest, then every view's picture and depth "
+        "map at its time.",
     )
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="as for run")
+    parser.add_argument(
+        "scene", type=Path, nargs="?", metavar="SCENE",
+        help="as for run; with cameras: a manifest of theirs, for calibration and stereo pair",
+    )  # fmt: skip
+    parser.add_argument(
+        "--camera", action="append", type=_camera, metavar="NAME=ADDRESS",
+        help="a camera, as FFmpeg opens it (rtsp://HOST/PATH, udp://, http://, ...); left to right",
+    )  # fmt: skip
     parser.add_argument("--stream", required=True, metavar="NAME", help="name of the stream")
     parser.add_argument(
-        "--rate", type=_rate, metavar="N", help="frames a second (default: the scene's)"
-    )
+        "--rate", type=_rate, metavar="N",
+        help="frames a second (default: the scene's, or the first camera's)",
+    )  # fmt: skip
     parser.add_argument("--loop", action="store_true", help="begin again at the end, for ever")
     parser.add_argument(
         "--encoding", choices=("jpeg", "png", "raw"),
@@ -185,15 +194,19 @@ def _run_publish(arguments: argparse.Namespace) -> int:
     from service.streams.player import Player, Playing
 
     _check_stream(arguments.stream)
+    if arguments.camera:
+        return _relay_cameras(arguments)
+    if arguments.scene is None:
+        raise ConfigurationError("SCENE: name a scene to play, or cameras (--camera NAME=ADDRESS)")
     if not 0 <= arguments.loss <= 1 or not 0 <= arguments.jitter <= 60:
         raise ConfigurationError("--loss: 0 to 1; --jitter: 0 to 60 seconds")
     scene = describe_path(arguments.scene, getattr(arguments, "input_layout", None))
     pair = {side: getattr(arguments, side, None) for side in ("left", "right")}
     scene = replace(scene, **{side: view for side, view in pair.items() if view is not None})
-    kinds = {"jpeg": PictureEncoding.JPEG, "png": PictureEncoding.PNG, "raw": PictureEncoding.RAW}
+    encoding = None if arguments.encoding is None else PictureEncoding.named(arguments.encoding)
     with (
         _until_signal() as stop,
-        LiveSource(scene, encoding=kinds.get(arguments.encoding), fps=arguments.rate) as source,
+        LiveSource(scene, encoding=encoding, fps=arguments.rate) as source,
         _connected(arguments) as bus,
     ):
         manifest = source.manifest
@@ -216,6 +229,53 @@ def _run_publish(arguments: argparse.Namespace) -> int:
             f"{1000 * played.late:.0f} ms late at the end\n"
         )
     return EXIT_INTERRUPTED if stop.is_set() and not arguments.loop else EXIT_DONE
+
+
+def _relay_cameras(arguments: argparse.Namespace) -> int:
+    from pipeline.errors import ConfigurationError
+    from pipeline.media.cameras import CameraNews, Cameras
+    from pipeline.media.live_frames import PictureEncoding
+    from pipeline.media.manifest import MANIFEST_NAME, read_json
+    from service.streams.feed import Feed
+    from service.streams.relay import manifest_of_cameras, relay
+
+    addresses = dict(arguments.camera)
+    if len(addresses) < len(arguments.camera):
+        raise ConfigurationError("--camera: a name is given twice")
+    rig = None
+    if arguments.scene is not None:
+        path = arguments.scene
+        path = path / MANIFEST_NAME if path.is_dir() else path
+        try:
+            rig = read_json(path.read_bytes(), path)
+        except OSError as error:
+            raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from error
+
+    def tell(news: CameraNews) -> None:
+        lost = "is there again" if news.problem is None else f"lost: {news.problem}"
+        _note(f"camera {news.camera} {lost}")
+
+    encoding = PictureEncoding.named(arguments.encoding or "jpeg")
+    # refused before any camera is opened, if it is to be
+    manifest_of_cameras(addresses, arguments.rate or Fraction(1), rig)
+    with (
+        _until_signal() as stop,
+        _connected(arguments) as bus,
+        Cameras(addresses, stop, fps=arguments.rate, encoding=encoding, on_news=tell) as cameras,
+    ):
+        manifest = manifest_of_cameras(addresses, cameras.fps, rig)
+        if not arguments.quiet:
+            rate = f"{float(cameras.fps):g} frames a second"
+            _note(f"{arguments.stream}: {len(addresses)} cameras, {rate}")
+        sent = relay(
+            Feed(bus, arguments.stream, manifest), cameras.instants(), len(addresses)
+        )  # fmt: skip
+    if not arguments.quiet:
+        sys.stdout.write(
+            f"published {sent.frames} frames, {sent.pictures} pictures, "
+            f"{sent.bytes / 1e6:.1f} MB; {sent.incomplete} frames lacked a camera\n"
+        )
+    return EXIT_DONE
 
 
 def _run_subscribe(arguments: argparse.Namespace) -> int:
@@ -349,6 +409,16 @@ def _check_stream(name: str) -> None:
         keys.status(name)
     except ValueError as error:
         raise ConfigurationError(f"--stream: {error}") from None
+
+
+def _camera(text: str) -> tuple[str, str]:
+    name, equals, address = text.partition("=")
+    if not (name and equals and address):
+        raise ValueError(text)
+    return name, address
+
+
+_camera.__name__ = "NAME=ADDRESS"  # for argparse
 
 
 def _rate(text: str) -> Fraction:

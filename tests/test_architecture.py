@@ -86,15 +86,17 @@ def test_arrows_point_one_way(room, forbidden):
     assert _offenders(room, *forbidden) == []
 
 
-def test_av_is_behind_seven_doors():
-    """Reading, files, live encoding, live files, clips without any loss, plain scaling, sound."""
+def test_av_is_behind_eight_doors():
+    """Reading, cameras, files, live encoding, live files, clips without loss, scaling, sound."""
     users = {
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
         for path in _files(package)
         if any(name.split(".")[0] == "av" for name in _imports(path))
     }
-    doors = ("decode", "encode", "live_encode", "live_file", "lossless", "sound", "swscale")
+    doors = (
+        "cameras", "decode", "encode", "live_encode", "live_file", "lossless", "sound", "swscale",
+    )  # fmt: skip
     assert users == {f"pipeline/media/{door}.py" for door in doors}
 
 

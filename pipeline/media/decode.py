@@ -427,7 +427,7 @@ def _mastering_display(data: bytes) -> MasteringDisplay | None:
     )  # fmt: skip
 
 
-def _planar(frame: av.VideoFrame) -> tuple[av.VideoFrame, PlanarFormat | None]:
+def planar(frame: av.VideoFrame) -> tuple[av.VideoFrame, PlanarFormat | None]:
     """Return the frame with planes we can read, and their format; None: RGB."""
     name = frame.format.name
     if frame.format.is_rgb or name == "pal8":
@@ -448,7 +448,8 @@ def _planar(frame: av.VideoFrame) -> tuple[av.VideoFrame, PlanarFormat | None]:
     return frame.reformat(format=target), parse_pixel_format(target)
 
 
-def _planes(frame: av.VideoFrame, layout: PlanarFormat) -> tuple[npt.NDArray, ...]:
+def planes_of(frame: av.VideoFrame, layout: PlanarFormat) -> tuple[npt.NDArray, ...]:
+    """Return the planes of a frame of that format, views of its memory where they can be."""
     planes = []
     shapes = layout.plane_shapes(frame.width, frame.height)
     for plane, (rows, columns) in zip(frame.planes, shapes, strict=False):
@@ -467,18 +468,18 @@ def _range_of(frame: av.VideoFrame, layout: PlanarFormat, untold: Range) -> Rang
 
 
 def _picture(frame: av.VideoFrame) -> Picture:
-    planar, layout = _planar(frame)
+    flat, layout = planar(frame)
     if layout is None:
         deep = max(component.bits for component in frame.format.components) > 8
         rgb = frame.to_ndarray(format="rgb48le" if deep else "rgb24")
         return picture_from_rgb(rgb, 65535.0 if deep else 255.0)
     matrix = _MATRICES.get(int(frame.colorspace)) or matrix_for(frame.height)
     value_range = _range_of(frame, layout, Range.LIMITED)
-    return picture_from_planes(_planes(planar, layout), layout, matrix, value_range)
+    return picture_from_planes(planes_of(flat, layout), layout, matrix, value_range)
 
 
 def _samples(frame: av.VideoFrame, path: Path) -> npt.NDArray:
-    planar, layout = _planar(frame)
+    flat, layout = planar(frame)
     if layout is None:
         deep = max(component.bits for component in frame.format.components) > 8
         rgb = frame.to_ndarray(format="rgb48le" if deep else "rgb24")
@@ -486,4 +487,4 @@ def _samples(frame: av.VideoFrame, path: Path) -> npt.NDArray:
             raise SceneError("a depth map in colour; one channel is needed", path=path)
         return np.ascontiguousarray(rgb[..., 0])
     value_range = _range_of(frame, layout, Range.FULL)
-    return stored_values(_planes(planar, layout)[0], layout.bits, value_range).copy()
+    return stored_values(planes_of(flat, layout)[0], layout.bits, value_range).copy()

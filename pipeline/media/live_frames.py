@@ -54,6 +54,11 @@ class PictureEncoding(StrEnum):
     PNG = "image/png"
     RAW = "video/raw"
 
+    @classmethod
+    def named(cls, name: str) -> PictureEncoding:
+        """Return the encoding of a short name: ``jpeg``, ``png`` or ``raw``."""
+        return cls[name.upper()]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EncodedPicture:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import json
 import random
 import threading
 import time
@@ -14,13 +13,9 @@ from fractions import Fraction
 
 from pipeline.media.live_frames import EncodedPicture
 from pipeline.media.live_source import LiveSource
-from service.bus import keys
-from service.bus.bus import JSON, Answer, Bus, Publisher
+from service.bus.bus import Bus
 from service.bus.keys import Part
-from service.streams.messages import InputHeader, write_input_header
-
-MANIFEST_INTERVAL = 2.0
-"""The manifest is sent again this often, for a service that comes later, seconds."""
+from service.streams.feed import Feed, header_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,41 +81,28 @@ class Player:
         self._source, self._playing = source, playing
         self._clock, self._wall = clock, wall
         self._chance = random.Random(playing.seed)
-        self._manifest = json.dumps(source.manifest.content).encode()
-        self._bus, self._key = bus, keys.manifest(stream)
-        self._stream = stream
-        self._publishers: dict[tuple[tuple[str, str], str], Publisher] = {}
-        self.frames = self.pictures = self.bytes = self.lost = 0
-        bus.answer(
-            self._key,
-            lambda question: [Answer(key=self._key, payload=self._manifest, encoding=JSON)],
-        )
+        self._feed = Feed(bus, stream, source.manifest)
+        self.frames = self.lost = 0
 
     def play(self, stop: threading.Event) -> Played:
         """Send frame after frame until the scene ends (or for ever), or ``stop`` is set."""
         begin = self._clock()
         begin_wall = self._wall()
         due: list[_Due] = []
-        told = -MANIFEST_INTERVAL
         numbers = itertools.count()
         late = 0.0
         for number, frame_index in enumerate(self._indices()):
             at = number / float(self._playing.rate)
-            if at - told >= MANIFEST_INTERVAL:
-                self._bus.put(self._key, self._manifest, encoding=JSON)
-                told = at
+            self._feed.tell(at)
             capture = begin_wall + round(at * 1e9)
             for key, picture in self._source.read(frame_index).items():
-                header = InputHeader(
-                    frame_index=self._source.frame_indices.start + number,
-                    capture_time_ns=capture,
-                    width=picture.width, height=picture.height, pixel_format=picture.pixel_format,
-                )  # fmt: skip
+                place = self._source.frame_indices.start + number
+                header = header_of(picture, frame_index=place, capture_time_ns=capture)
                 delay = self._chance.uniform(0, self._playing.jitter)
                 if self._chance.random() < self._playing.loss:
                     self.lost += 1
                     continue
-                item = _Due(at + delay, next(numbers), key, picture, write_input_header(header))
+                item = _Due(at + delay, next(numbers), key, picture, header)
                 heapq.heappush(due, item)
             if not self._send_until(due, begin, at, stop):
                 break
@@ -128,8 +110,9 @@ class Player:
             self.frames += 1
         self._send_until(due, begin, float("inf"), stop)
         return Played(
-            frames=self.frames, pictures=self.pictures, bytes=self.bytes, lost=self.lost, late=late
-        )
+            frames=self.frames, pictures=self._feed.pictures, bytes=self._feed.bytes,
+            lost=self.lost, late=late,
+        )  # fmt: skip
 
     def _indices(self) -> Iterator[int]:
         indices = self._source.frame_indices
@@ -143,16 +126,6 @@ class Player:
             item = heapq.heappop(due)
             if stop.wait(max(0.0, begin + item.at - self._clock())):
                 return False
-            self._publisher(item).put(item.picture.data, item.header)
-            self.pictures += 1
-            self.bytes += len(item.picture.data)
-        return not stop.is_set()
-
-    def _publisher(self, item: _Due) -> Publisher:
-        """Return what sends on the picture's key with its encoding."""
-        name = (item.key, item.picture.encoding.value)
-        if name not in self._publishers:
             view_id, part = item.key
-            key = keys.input_key(self._stream, view_id, Part(part))
-            self._publishers[name] = self._bus.publisher(key, encoding=name[1])
-        return self._publishers[name]
+            self._feed.put(view_id, Part(part), item.picture, item.header)
+        return not stop.is_set()

@@ -23,6 +23,11 @@ from tests.service.streams.conftest import free_endpoint
         (["publish", "none", "--stream", "a", "--rate", "0"], "--rate"),
         (["publish", "none", "--stream", "a", "--rate", "1/0"], "--rate"),
         (["publish", "none"], "--stream"),
+        (["publish", "--stream", "a"], "name a scene to play, or cameras"),
+        (["publish", "--stream", "a", "--camera", "left"], "--camera"),
+        (["publish", "--stream", "a", "--camera", "b=tcp://h"], "two or more are needed"),
+        (["publish", "--stream", "a", *2 * ["--camera", "b=tcp://h"]], "given twice"),
+        (["publish", "none", "--stream", "a", "--camera", "b=tcp://h"], "none: cannot be read"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(words, said, capsys, tmp_path, monkeypatch):

@@ -14,6 +14,7 @@ from pipeline.media.decode import VideoReader
 from pipeline.media.source import open_scene
 from pipeline.metrics import psnr
 from service.bus import keys
+from tests.support.camera import STEP, TcpCamera
 from tests.support.waiting import PATIENCE, until
 
 
@@ -87,6 +88,31 @@ def test_of_a_stream_that_never_comes_no_file_is_said_to_be_written(make_stage, 
     assert (receiver.returncode, target.exists()) == (1, False)
     assert "stream none: nothing came" in said
     assert "wrote" not in said
+
+
+def test_cameras_on_the_network_are_watched_in_3d(make_stage, tmp_path):
+    """From two H.264 streams over sockets to a file of super-resolved stereo."""
+    stage, begun = make_stage(), time.monotonic()
+    with TcpCamera(begun) as left, TcpCamera(begun) as right:
+        cameras = stage.run(
+            "publish", "--stream", "rig", "--camera", f"left={left.address}",
+            "--camera", f"right={right.address}",
+        )  # fmt: skip
+        until(lambda: stage.state("rig") == "live")
+        target = tmp_path / "out.mkv"
+        receiver = stage.run("subscribe", "rig", "-o", str(target), "--frames", "4")
+        said = receiver.communicate(timeout=PATIENCE)
+        assert receiver.returncode == 0, said
+        frames = _read(target)
+        assert [frame.shape for frame in frames] == [(2 * 48, 2 * 2 * 64)] * 4
+        for frame in frames:
+            eyes = np.hsplit(frame, 2)
+            assert abs(float(eyes[0].mean() - eyes[1].mean())) < STEP / 2
+        cameras.send_signal(signal.SIGINT)
+        said = cameras.communicate(timeout=PATIENCE)
+        assert cameras.returncode == 0, said
+        assert "published" in said[0]
+        assert "2 cameras, 4 frames a second" in said[1]
 
 
 def _history(stage, stream):

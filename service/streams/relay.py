@@ -1,0 +1,81 @@
+"""Live cameras, relayed into a stream."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.errors import ConfigurationError
+from pipeline.media.instants import Instant
+from pipeline.media.live_frames import EncodedPicture
+from pipeline.media.live_manifest import LiveManifest, live_manifest
+from service.bus.keys import Part
+from service.streams.feed import Feed, header_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relayed:
+    """What was sent."""
+
+    frames: int
+    pictures: int
+    bytes: int
+    incomplete: int
+    """Frames that some camera had no picture for."""
+
+
+def manifest_of_cameras(
+    names: Iterable[str], fps: Any, rig: dict[str, Any] | None = None
+) -> LiveManifest:
+    """Return the manifest of cameras.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of the cameras, left to right.
+    fps : Fraction
+        Frames a second.
+    rig : dict, optional
+        Manifest of a scene that these cameras took: its order of views, calibration and stereo
+        pair are theirs.
+
+    Raises
+    ------
+    ConfigurationError
+        If the rig's views are not the cameras.
+    SceneError
+        If the rig, or the names, make no scene.
+    """
+    names = list(names)
+    content: dict[str, Any] = {"views": [{"id": name} for name in names]}
+    if rig is not None:
+        content = {key: rig[key] for key in ("views", "stereo") if key in rig}
+        there = [view.get("id") for view in content["views"] if isinstance(view, dict)]
+        if sorted(map(str, there)) != sorted(names):
+            raise ConfigurationError(
+                f"--camera: the scene has the views {', '.join(map(str, there))}, "
+                f"there are cameras {', '.join(names)}"
+            )
+        content["views"] = [
+            {key: value for key, value in view.items() if key not in ("color", "depth")}
+            for view in content["views"]
+        ]
+    said = {"format": "depthsr-scene/1", "fps": f"{fps.numerator}/{fps.denominator}"}
+    return live_manifest(said | content)
+
+
+def relay(feed: Feed, instants: Iterable[Instant[EncodedPicture]], views: int) -> Relayed:
+    """Send every instant; return what was sent once there are no more."""
+    frames = incomplete = 0
+    for instant in instants:
+        feed.tell(time.monotonic())
+        for view_id, picture in instant.pictures.items():
+            header = header_of(picture, frame_index=frames, capture_time_ns=instant.taken)
+            feed.put(view_id, Part.COLOR, picture, header)
+        frames += 1
+        incomplete += len(instant.pictures) < views
+    return Relayed(
+        frames=frames, pictures=feed.pictures, bytes=feed.bytes, incomplete=incomplete
+    )  # fmt: skip

@@ -1,0 +1,117 @@
+"""Cameras on the network, over real sockets."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+
+from pipeline.colour import picture_from_rgb
+from pipeline.errors import ConfigurationError, Interrupted, SceneError
+from pipeline.media import cameras as module
+from pipeline.media.cameras import Cameras, encoded, without_password
+from pipeline.media.live_frames import PictureEncoding, decode_color
+from tests.support.camera import STEP, TcpCamera
+from tests.support.waiting import until
+
+
+def level(picture) -> float:
+    return float(decode_color(picture, max_pixels=1 << 20).luma.mean()) * 219 / 255 + 16
+
+
+@pytest.mark.parametrize("encoding", list(PictureEncoding))
+@pytest.mark.parametrize("pixels", ["yuv420p", "nv12", "yuvj444p", "rgb24"])
+def test_pictures_are_sent_as_they_were_taken(pixels, encoding):
+    picture = np.full((48, 64, 3), (200, 90, 40), np.uint8)
+    frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format=pixels)
+    seen = decode_color(encoded(frame, encoding), max_pixels=1 << 20)
+    meant = picture_from_rgb(picture, 255.0)
+    assert np.abs(seen.luma - meant.luma).max() < 3
+    assert np.abs(seen.chroma - meant.chroma).max() < 3
+
+
+def test_pictures_of_one_instant_come_together():
+    """Although each camera has time stamps of its own."""
+    begun = time.monotonic()
+    with (
+        TcpCamera(begun) as first, TcpCamera(begun + 0.01) as second,
+        Cameras(
+            {"left": first.address, "right": second.address}, threading.Event()
+        ) as rig,
+    ):  # fmt: skip
+        assert rig.fps == 4
+        both = 0
+        for instant in rig.instants():
+            assert "left" in instant.pictures
+            if len(instant.pictures) == 2:
+                seen = [level(instant.pictures[name]) for name in ("left", "right")]
+                assert abs(seen[0] - seen[1]) < STEP / 2
+                both += 1
+            if both >= 5:
+                break
+
+
+def test_a_camera_that_is_cut_off_is_opened_again_and_the_other_goes_on():
+    begun, news = time.monotonic(), []
+    with (
+        TcpCamera(begun) as first, TcpCamera(begun) as second,
+        Cameras(
+            {"left": first.address, "right": second.address}, threading.Event(),
+            on_news=news.append,
+        ) as rig,
+    ):  # fmt: skip
+        sizes = []
+        for instant in rig.instants():
+            sizes.append(len(instant.pictures))
+            if 2 in sizes and not news:
+                second.cut()
+            if len(news) == 2 and sizes[-1] == 2:
+                break
+        assert 1 in sizes
+        assert [(item.camera, item.problem is None) for item in news] == [
+            ("right", False), ("right", True)
+        ]  # fmt: skip
+
+
+def test_a_camera_that_is_not_there_is_told_without_its_password():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    address = f"rtsp://ann:secret@127.0.0.1:{port}/main"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "OPEN_WITHIN", 1.0)
+        with pytest.raises(SceneError, match="connection refused: rtsp://ann:…@127") as told:
+            Cameras({"left": address}, threading.Event())
+    assert "secret" not in str(told.value)
+    assert "left" in str(told.value)
+
+
+def test_a_camera_that_sends_nothing_can_be_stopped():
+    stop = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        threading.Timer(0.3, stop.set).start()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(module, "OPEN_WITHIN", 2.0)
+            with pytest.raises(Interrupted):
+                Cameras({"left": f"tcp://127.0.0.1:{silent.getsockname()[1]}"}, stop)
+
+
+def test_a_file_is_no_camera(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"scene\.json"):
+        Cameras({"left": str(tmp_path / "clip.mp4")}, threading.Event())
+
+
+def test_no_thread_outlives_the_cameras():
+    with TcpCamera(time.monotonic()) as camera:
+        with Cameras({"left": camera.address}, threading.Event(), fps=Fraction(5)) as rig:
+            next(rig.instants())
+        until(lambda: not any(t.name.startswith("camera") for t in threading.enumerate()))
+
+
+def test_passwords_are_left_out_of_addresses():
+    assert without_password("rtsp://a.example/x") == "rtsp://a.example/x"
+    assert without_password("http://u:p@h/x@y") == "http://u:…@h/x@y"
