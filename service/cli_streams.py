@@ -185,12 +185,11 @@ def _until_signal() -> Iterator[threading.Event]:
 
 
 def _run_publish(arguments: argparse.Namespace) -> int:
-    from dataclasses import replace
-
     from pipeline.errors import ConfigurationError
     from pipeline.media.layouts import describe_path
     from pipeline.media.live_frames import PictureEncoding
     from pipeline.media.live_source import LiveSource
+    from pipeline.media.scene_source import with_pair
     from service.streams.player import Player, Playing
 
     _check_stream(arguments.stream)
@@ -201,8 +200,7 @@ def _run_publish(arguments: argparse.Namespace) -> int:
     if not 0 <= arguments.loss <= 1 or not 0 <= arguments.jitter <= 60:
         raise ConfigurationError("--loss: 0 to 1; --jitter: 0 to 60 seconds")
     scene = describe_path(arguments.scene, getattr(arguments, "input_layout", None))
-    pair = {side: getattr(arguments, side, None) for side in ("left", "right")}
-    scene = replace(scene, **{side: view for side, view in pair.items() if view is not None})
+    scene = with_pair(scene, *_pair(arguments))
     encoding = None if arguments.encoding is None else PictureEncoding.named(arguments.encoding)
     with (
         _until_signal() as stop,
@@ -231,6 +229,11 @@ def _run_publish(arguments: argparse.Namespace) -> int:
     return EXIT_INTERRUPTED if stop.is_set() and not arguments.loop else EXIT_DONE
 
 
+def _pair(arguments: argparse.Namespace) -> tuple[str | None, str | None]:
+    """Return the views that are to be the eyes, as far as they were named."""
+    return getattr(arguments, "left", None), getattr(arguments, "right", None)
+
+
 def _relay_cameras(arguments: argparse.Namespace) -> int:
     from pipeline.errors import ConfigurationError
     from pipeline.media.cameras import CameraNews, Cameras
@@ -242,6 +245,8 @@ def _relay_cameras(arguments: argparse.Namespace) -> int:
     addresses = dict(arguments.camera)
     if len(addresses) < len(arguments.camera):
         raise ConfigurationError("--camera: a name is given twice")
+    if arguments.loop or arguments.jitter or arguments.loss:
+        raise ConfigurationError("--loop, --jitter, --loss: for a scene that is played only")
     rig = None
     if arguments.scene is not None:
         path = arguments.scene
@@ -257,13 +262,13 @@ def _relay_cameras(arguments: argparse.Namespace) -> int:
 
     encoding = PictureEncoding.named(arguments.encoding or "jpeg")
     # refused before any camera is opened, if it is to be
-    manifest_of_cameras(addresses, arguments.rate or Fraction(1), rig)
+    manifest_of_cameras(addresses, arguments.rate or Fraction(1), rig, *_pair(arguments))
     with (
         _until_signal() as stop,
         _connected(arguments) as bus,
         Cameras(addresses, stop, fps=arguments.rate, encoding=encoding, on_news=tell) as cameras,
     ):
-        manifest = manifest_of_cameras(addresses, cameras.fps, rig)
+        manifest = manifest_of_cameras(addresses, cameras.fps, rig, *_pair(arguments))
         if not arguments.quiet:
             rate = f"{float(cameras.fps):g} frames a second"
             _note(f"{arguments.stream}: {len(addresses)} cameras, {rate}")

@@ -71,7 +71,7 @@ class SceneSource:
         right: str | None = None,
         views: Sequence[str] | None = None,
     ) -> None:
-        description = _with_pair(description, left, right)
+        description = with_pair(description, left, right)
         chosen = _chosen(description, views)
         self._description = description
         self._lock = threading.Lock()
@@ -395,7 +395,7 @@ def _path_text(locator: object, frame_index: int) -> str:
     return str(getattr(locator, "path", locator))
 
 
-def _with_pair(
+def with_pair(
     description: SceneDescription, left: str | None, right: str | None
 ) -> SceneDescription:
     """Return the description with the references asked for."""

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 from pipeline.errors import ConfigurationError
 from pipeline.media.instants import Instant
 from pipeline.media.live_frames import EncodedPicture
-from pipeline.media.live_manifest import LiveManifest, live_manifest
+from pipeline.media.live_manifest import LiveManifest, live_manifest, without_paths
+from pipeline.media.scene_source import with_pair
 from service.bus.keys import Part
 from service.streams.feed import Feed, header_of
 
@@ -27,7 +29,11 @@ class Relayed:
 
 
 def manifest_of_cameras(
-    names: Iterable[str], fps: Any, rig: dict[str, Any] | None = None
+    names: Iterable[str],
+    fps: Fraction,
+    rig: Mapping[str, Any] | None = None,
+    left: str | None = None,
+    right: str | None = None,
 ) -> LiveManifest:
     """Return the manifest of cameras.
 
@@ -37,14 +43,16 @@ def manifest_of_cameras(
         Of the cameras, left to right.
     fps : Fraction
         Frames a second.
-    rig : dict, optional
+    rig : mapping, optional
         Manifest of a scene that these cameras took: its order of views, calibration and stereo
         pair are theirs.
+    left, right : str, optional
+        The cameras that are the eyes, in place of the rig's pair or the two in the middle.
 
     Raises
     ------
     ConfigurationError
-        If the rig's views are not the cameras.
+        If the rig's views are not the cameras, or the eyes no pair.
     SceneError
         If the rig, or the names, make no scene.
     """
@@ -63,7 +71,8 @@ def manifest_of_cameras(
             for view in content["views"]
         ]
     said = {"format": "depthsr-scene/1", "fps": f"{fps.numerator}/{fps.denominator}"}
-    return live_manifest(said | content)
+    scene = with_pair(live_manifest(said | content).scene, left, right)
+    return LiveManifest(scene=scene, content=without_paths(scene))
 
 
 def relay(feed: Feed, instants: Iterable[Instant[EncodedPicture]], views: int) -> Relayed:

@@ -9,6 +9,8 @@ from service.cli import main
 from service.cli_streams import WINDOW_PLAYERS
 from tests.service.streams.conftest import free_endpoint
 
+CAMERAS = ["--camera", "b=tcp://h", "--camera", "c=tcp://h"]
+
 
 @pytest.mark.parametrize(
     ("words", "said"),
@@ -28,6 +30,8 @@ from tests.service.streams.conftest import free_endpoint
         (["publish", "--stream", "a", "--camera", "b=tcp://h"], "two or more are needed"),
         (["publish", "--stream", "a", *2 * ["--camera", "b=tcp://h"]], "given twice"),
         (["publish", "none", "--stream", "a", "--camera", "b=tcp://h"], "none: cannot be read"),
+        (["publish", "--stream", "a", "--camera", "b=tcp://h", "--loop"], "--loop"),
+        (["publish", "--stream", "a", *CAMERAS, "--left", "x"], "--left: no view 'x'"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(words, said, capsys, tmp_path, monkeypatch):
