@@ -152,6 +152,255 @@ def solve(matrix, rhs):
 
 
 @njit(**_OPTIONS)
+def _take_points(
+    source, source_gx, source_gy, reference, fineness, nearness, destination, destination_margin,
+    window, bounds, place, theta, stride, points, rows,
+):  # fmt: skip
+    """Sample the reference where the pixels of a patch land; see :func:`fit_patches`.
+
+    Parameters
+    ----------
+    window : (x0, y0, x1, y1)
+    bounds : (lo, hi)
+        Of nearness.
+    place : (xc, yc, s)
+        Centre of the window, and half its larger side.
+    theta : (13,) float64
+        Motion of the patch.
+    points : tuple of (N,) float32
+        Written: residual without ζ, gradient along x and y, X.
+    rows : ((H + 1,) int64, (H + 1,) float64)
+        Written: end of each row's points, and its Y.
+
+    Returns
+    -------
+    count, lines, in_support : int
+        Points, rows, and pixels that belong to the patch, wherever they land.
+    """
+    residual, gradient_x, gradient_y, place_x = points
+    row_end, row_y = rows
+    x0, y0, x1, y1 = window
+    lo, hi = bounds
+    xc, yc, s = place
+    inverse = 1 / s
+    has_destination = destination.size > 0
+    count = 0
+    lines = 0
+    in_support = 0
+    for y in range(y0, y1, stride):
+        Y = (y - yc) / s
+        cu0 = theta[0] + theta[2] * Y + theta[5] * Y * Y
+        cu1 = theta[1] + theta[4] * Y
+        cv0 = theta[6] + theta[8] * Y + theta[11] * Y * Y
+        cv1 = theta[7] + theta[10] * Y
+        for x in range(x0, x1, stride):
+            d = nearness[y, x]
+            if not (d >= lo and d < hi):
+                continue
+            in_support += 1
+            X = (x - xc) * inverse
+            u = cu0 + (cu1 + theta[3] * X) * X
+            v = cv0 + (cv1 + theta[9] * X) * X
+            if has_destination:
+                row = int(np.floor(y + v + 0.5))
+                column = int(np.floor(x + u + 0.5))
+                if not (0 <= row < destination.shape[0]):
+                    continue
+                if not (0 <= column < destination.shape[1]):
+                    continue
+                d = destination[row, column]
+                if not (d >= lo - destination_margin and d < hi + destination_margin):
+                    continue
+            value, gx, gy = sample(
+                reference,
+                fineness[0] * (x + u) + fineness[2],
+                fineness[1] * (y + v) + fineness[3],
+            )
+            if not np.isfinite(value):
+                continue
+            residual[count] = value - source[y, x]
+            gradient_x[count] = np.float32(0.5) * (fineness[0] * gx + source_gx[y, x])
+            gradient_y[count] = np.float32(0.5) * (fineness[1] * gy + source_gy[y, x])
+            place_x[count] = X
+            count += 1
+        row_end[lines] = count
+        row_y[lines] = Y
+        lines += 1
+    return count, lines, in_support
+
+
+@njit(**_OPTIONS)
+def _robust_scale(residual, count, zeta, histogram):
+    """Return the standard deviation by the median of |r + ζ|, found in a histogram."""
+    width = 0.0
+    for k in range(count):
+        width += abs(residual[k] + zeta)
+    width = max(8.0 * width / count, 1e-3)
+    histogram[:] = 0
+    for k in range(count):
+        b = int(abs(residual[k] + zeta) / width * HISTOGRAM_BINS)
+        histogram[min(b, HISTOGRAM_BINS - 1)] += 1
+    seen = 0
+    b = 0
+    while b < HISTOGRAM_BINS - 1 and seen + histogram[b] < (count + 1) // 2:
+        seen += histogram[b]
+        b += 1
+    return MAD_TO_SIGMA * (b + 0.5) * width / HISTOGRAM_BINS
+
+
+@njit(**_OPTIONS)
+def _sum_moments(points, rows, lines, zeta, cut2, degree, line, moments):
+    """Write the weighted sums of powers of X and Y; return how many points are reliable.
+
+    Parameters
+    ----------
+    cut2 : float
+        Square of the residual from which a point has no weight.
+    line : (9, M) float64
+        Scratch: sums of a row by the power of X, of weights times gx², gx gy, gy², gx, gy, gx r,
+        gy r, 1 and r.
+    moments : (9, M, M) float64
+        Written: the same by the powers of X and Y.
+    """
+    residual, gradient_x, gradient_y, place_x = points
+    row_end, row_y = rows
+    powers = 2 * degree + 1
+    moments[:] = 0
+    reliable = 0
+    k = 0
+    for j in range(lines):
+        line[:] = 0
+        while k < row_end[j]:
+            r = residual[k] + zeta
+            q = r * r / cut2
+            if q < 1:
+                w = (1 - q) * (1 - q)
+                reliable += 1
+                gx = gradient_x[k]
+                gy = gradient_y[k]
+                X = place_x[k]
+                wx = w * gx
+                wy = w * gy
+                if degree == 1:
+                    wxx = wx * gx
+                    wxy = wx * gy
+                    wyy = wy * gy
+                    wxr = wx * r
+                    wyr = wy * r
+                    line[0, 0] += wxx
+                    line[1, 0] += wxy
+                    line[2, 0] += wyy
+                    line[3, 0] += wx
+                    line[4, 0] += wy
+                    line[5, 0] += wxr
+                    line[6, 0] += wyr
+                    line[7, 0] += w
+                    line[8, 0] += w * r
+                    wxx *= X
+                    wxy *= X
+                    wyy *= X
+                    line[0, 1] += wxx
+                    line[1, 1] += wxy
+                    line[2, 1] += wyy
+                    line[3, 1] += wx * X
+                    line[4, 1] += wy * X
+                    line[5, 1] += wxr * X
+                    line[6, 1] += wyr * X
+                    line[0, 2] += wxx * X
+                    line[1, 2] += wxy * X
+                    line[2, 2] += wyy * X
+                    k += 1
+                    continue
+                power = 1.0
+                for m in range(powers):
+                    line[0, m] += wx * gx * power
+                    line[1, m] += wx * gy * power
+                    line[2, m] += wy * gy * power
+                    line[3, m] += wx * power
+                    line[4, m] += wy * power
+                    if m <= degree:
+                        line[5, m] += wx * r * power
+                        line[6, m] += wy * r * power
+                    power *= X
+                line[7, 0] += w
+                line[8, 0] += w * r
+            k += 1
+        power = 1.0
+        for n in range(powers):
+            for m in range(powers - n):
+                for a in range(7):
+                    moments[a, m, n] += line[a, m] * power
+            power *= row_y[j]
+        moments[7, 0, 0] += line[7, 0]
+        moments[8, 0, 0] += line[8, 0]
+    return reliable
+
+
+@njit(**_OPTIONS)
+def _set_up(
+    moments, s2, theta, start, prior, prior_strength, offset_mean, offset_precision, exponents,
+    matrix, step,
+):  # fmt: skip
+    """Write the system whose solution is the step from ``theta``, prior included.
+
+    Parameters
+    ----------
+    s2 : float
+        Variance of the residuals.
+    prior : (2, 2) float64
+        Of this patch.
+    exponents : (3, 6) int64
+        Of X, of Y, and degree, of each term of the basis.
+    matrix, step : (S, S) and (S,) float64
+        Written.
+    """
+    size = step.size
+    num_basis = (size - 1) // 2
+    for i in range(num_basis):
+        for j in range(num_basis):
+            m = exponents[0, i] + exponents[0, j]
+            n = exponents[1, i] + exponents[1, j]
+            matrix[i, j] = moments[0, m, n] / s2
+            matrix[i, num_basis + j] = moments[1, m, n] / s2
+            matrix[num_basis + i, j] = moments[1, m, n] / s2
+            matrix[num_basis + i, num_basis + j] = moments[2, m, n] / s2
+        m = exponents[0, i]
+        n = exponents[1, i]
+        matrix[i, size - 1] = moments[3, m, n] / s2
+        matrix[size - 1, i] = moments[3, m, n] / s2
+        matrix[num_basis + i, size - 1] = moments[4, m, n] / s2
+        matrix[size - 1, num_basis + i] = moments[4, m, n] / s2
+        step[i] = -moments[5, m, n] / s2
+        step[num_basis + i] = -moments[6, m, n] / s2
+        factor = prior_strength[exponents[2, i]]
+        du = theta[i] - start[i]
+        dv = theta[6 + i] - start[6 + i]
+        matrix[i, i] += factor * prior[0, 0] + 1e-6
+        matrix[num_basis + i, num_basis + i] += factor * prior[1, 1] + 1e-6
+        matrix[i, num_basis + i] += factor * prior[0, 1]
+        matrix[num_basis + i, i] += factor * prior[0, 1]
+        step[i] -= factor * (prior[0, 0] * du + prior[0, 1] * dv)
+        step[num_basis + i] -= factor * (prior[0, 1] * du + prior[1, 1] * dv)
+    matrix[size - 1, size - 1] = moments[7, 0, 0] / s2 + offset_precision
+    step[size - 1] = -moments[8, 0, 0] / s2 - offset_precision * (theta[12] - offset_mean)
+
+
+@njit(**_OPTIONS)
+def _go(theta, step):
+    """Take a step in place; return how far it moves a corner of the patch at most, pixels."""
+    num_basis = (step.size - 1) // 2
+    move_u = 0.0
+    move_v = 0.0
+    for i in range(num_basis):
+        theta[i] += step[i]
+        theta[6 + i] += step[num_basis + i]
+        move_u += abs(step[i])
+        move_v += abs(step[num_basis + i])
+    theta[12] += step[step.size - 1]
+    return max(move_u, move_v)
+
+
+@njit(**_OPTIONS)
 def fit_patches(
     source,
     source_gx,
@@ -230,222 +479,65 @@ def fit_patches(
     quality : (P, 2) float32
         Written: robust residual scale (grey levels) and the share of reliable pixels.
     """
-    num_basis = (degree + 1) * (degree + 2) // 2
-    size = 2 * num_basis + 1
+    size = (degree + 1) * (degree + 2) + 1
     powers = 2 * degree + 1
     area = 0
     for p in range(windows.shape[0]):
         area = max(area, (windows[p, 2] - windows[p, 0]) * (windows[p, 3] - windows[p, 1]))
     residual = np.empty(area, np.float32)
-    gradient_x = np.empty(area, np.float32)
-    gradient_y = np.empty(area, np.float32)
-    place_x = np.empty(area, np.float32)
-    row_end = np.empty(nearness.shape[0] + 1, np.int64)
-    row_y = np.empty(nearness.shape[0] + 1, np.float64)
+    points = (
+        residual, np.empty(area, np.float32), np.empty(area, np.float32),
+        np.empty(area, np.float32),
+    )  # fmt: skip
+    rows = (
+        np.empty(nearness.shape[0] + 1, np.int64), np.empty(nearness.shape[0] + 1, np.float64)
+    )  # fmt: skip
     histogram = np.empty(HISTOGRAM_BINS, np.int64)
     line = np.empty((9, powers))
     moments = np.empty((9, powers, powers))
     matrix = np.empty((size, size))
     step = np.empty(size)
     start = np.empty(13)
-    power_x = np.array([0, 1, 0, 2, 1, 0])
-    power_y = np.array([0, 0, 1, 0, 1, 2])
-    level = np.array([0, 1, 1, 2, 2, 2])
-    has_destination = destination.size > 0
+    exponents = np.array([[0, 1, 0, 2, 1, 0], [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
     for p in range(windows.shape[0]):
         x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
-        xc = 0.5 * (x0 + x1 - 1)
-        yc = 0.5 * (y0 + y1 - 1)
         s = max(0.5 * max(x1 - x0, y1 - y0), 1.0)
-        inverse = 1 / s
-        lo, hi = ranges[p, 0], ranges[p, 1]
-        copy(motion[p], start)
+        place = (0.5 * (x0 + x1 - 1), 0.5 * (y0 + y1 - 1), s)
+        theta = motion[p]
+        copy(theta, start)
         status[p] = 1
         quality[p, 0] = np.inf
         quality[p, 1] = 0
         for _ in range(iterations):
-            theta = motion[p]
-            count = 0
-            lines = 0
-            in_support = 0
-            for y in range(y0, y1, stride):
-                Y = (y - yc) / s
-                cu0 = theta[0] + theta[2] * Y + theta[5] * Y * Y
-                cu1 = theta[1] + theta[4] * Y
-                cv0 = theta[6] + theta[8] * Y + theta[11] * Y * Y
-                cv1 = theta[7] + theta[10] * Y
-                for x in range(x0, x1, stride):
-                    d = nearness[y, x]
-                    if not (d >= lo and d < hi):
-                        continue
-                    in_support += 1
-                    X = (x - xc) * inverse
-                    u = cu0 + (cu1 + theta[3] * X) * X
-                    v = cv0 + (cv1 + theta[9] * X) * X
-                    if has_destination:
-                        row = int(np.floor(y + v + 0.5))
-                        column = int(np.floor(x + u + 0.5))
-                        if not (0 <= row < destination.shape[0]):
-                            continue
-                        if not (0 <= column < destination.shape[1]):
-                            continue
-                        d = destination[row, column]
-                        if not (d >= lo - destination_margin and d < hi + destination_margin):
-                            continue
-                    value, gx, gy = sample(
-                        reference,
-                        fineness[0] * (x + u) + fineness[2],
-                        fineness[1] * (y + v) + fineness[3],
-                    )
-                    if not np.isfinite(value):
-                        continue
-                    residual[count] = value - source[y, x]
-                    gradient_x[count] = np.float32(0.5) * (fineness[0] * gx + source_gx[y, x])
-                    gradient_y[count] = np.float32(0.5) * (fineness[1] * gy + source_gy[y, x])
-                    place_x[count] = X
-                    count += 1
-                row_end[lines] = count
-                row_y[lines] = Y
-                lines += 1
+            count, lines, in_support = _take_points(
+                source, source_gx, source_gy, reference, fineness, nearness, destination,
+                destination_margin, (x0, y0, x1, y1), (ranges[p, 0], ranges[p, 1]), place, theta,
+                stride, points, rows,
+            )  # fmt: skip
             if count * stride * stride < min_support or 2 * count < in_support:
                 status[p] = 2
-                copy(start, motion[p])
+                copy(start, theta)
                 break
-            zeta = theta[12]
-            # robust scale: median of |r + ζ| by histogram
-            width = 0.0
-            for k in range(count):
-                width += abs(residual[k] + zeta)
-            width = max(8.0 * width / count, 1e-3)
-            histogram[:] = 0
-            for k in range(count):
-                b = int(abs(residual[k] + zeta) / width * HISTOGRAM_BINS)
-                histogram[min(b, HISTOGRAM_BINS - 1)] += 1
-            seen = 0
-            b = 0
-            while b < HISTOGRAM_BINS - 1 and seen + histogram[b] < (count + 1) // 2:
-                seen += histogram[b]
-                b += 1
-            scale = MAD_TO_SIGMA * (b + 0.5) * width / HISTOGRAM_BINS
-            scale = max(scale, min_scale)
+            scale = max(_robust_scale(residual, count, theta[12], histogram), min_scale)
+            reliable = _sum_moments(
+                points, rows, lines, theta[12], (TUKEY * scale) ** 2, degree, line, moments
+            )
             quality[p, 0] = scale
-            cut2 = (TUKEY * scale) ** 2
-            moments[:] = 0
-            reliable = 0
-            k = 0
-            for j in range(lines):
-                line[:] = 0
-                while k < row_end[j]:
-                    r = residual[k] + zeta
-                    q = r * r / cut2
-                    if q < 1:
-                        w = (1 - q) * (1 - q)
-                        reliable += 1
-                        gx = gradient_x[k]
-                        gy = gradient_y[k]
-                        X = place_x[k]
-                        wx = w * gx
-                        wy = w * gy
-                        if degree == 1:
-                            wxx = wx * gx
-                            wxy = wx * gy
-                            wyy = wy * gy
-                            wxr = wx * r
-                            wyr = wy * r
-                            line[0, 0] += wxx
-                            line[1, 0] += wxy
-                            line[2, 0] += wyy
-                            line[3, 0] += wx
-                            line[4, 0] += wy
-                            line[5, 0] += wxr
-                            line[6, 0] += wyr
-                            line[7, 0] += w
-                            line[8, 0] += w * r
-                            wxx *= X
-                            wxy *= X
-                            wyy *= X
-                            line[0, 1] += wxx
-                            line[1, 1] += wxy
-                            line[2, 1] += wyy
-                            line[3, 1] += wx * X
-                            line[4, 1] += wy * X
-                            line[5, 1] += wxr * X
-                            line[6, 1] += wyr * X
-                            line[0, 2] += wxx * X
-                            line[1, 2] += wxy * X
-                            line[2, 2] += wyy * X
-                            k += 1
-                            continue
-                        power = 1.0
-                        for m in range(powers):
-                            line[0, m] += wx * gx * power
-                            line[1, m] += wx * gy * power
-                            line[2, m] += wy * gy * power
-                            line[3, m] += wx * power
-                            line[4, m] += wy * power
-                            if m <= degree:
-                                line[5, m] += wx * r * power
-                                line[6, m] += wy * r * power
-                            power *= X
-                        line[7, 0] += w
-                        line[8, 0] += w * r
-                    k += 1
-                power = 1.0
-                for n in range(powers):
-                    for m in range(powers - n):
-                        for a in range(7):
-                            moments[a, m, n] += line[a, m] * power
-                    power *= row_y[j]
-                moments[7, 0, 0] += line[7, 0]
-                moments[8, 0, 0] += line[8, 0]
             quality[p, 1] = reliable / max(in_support, 1)
-            s2 = scale * scale
-            for i in range(num_basis):
-                for j in range(num_basis):
-                    m = power_x[i] + power_x[j]
-                    n = power_y[i] + power_y[j]
-                    matrix[i, j] = moments[0, m, n] / s2
-                    matrix[i, num_basis + j] = moments[1, m, n] / s2
-                    matrix[num_basis + i, j] = moments[1, m, n] / s2
-                    matrix[num_basis + i, num_basis + j] = moments[2, m, n] / s2
-                m = power_x[i]
-                n = power_y[i]
-                matrix[i, size - 1] = moments[3, m, n] / s2
-                matrix[size - 1, i] = moments[3, m, n] / s2
-                matrix[num_basis + i, size - 1] = moments[4, m, n] / s2
-                matrix[size - 1, num_basis + i] = moments[4, m, n] / s2
-                step[i] = -moments[5, m, n] / s2
-                step[num_basis + i] = -moments[6, m, n] / s2
-                factor = prior_strength[level[i]]
-                du = theta[i] - start[i]
-                dv = theta[6 + i] - start[6 + i]
-                matrix[i, i] += factor * prior[p, 0, 0] + 1e-6
-                matrix[num_basis + i, num_basis + i] += factor * prior[p, 1, 1] + 1e-6
-                matrix[i, num_basis + i] += factor * prior[p, 0, 1]
-                matrix[num_basis + i, i] += factor * prior[p, 0, 1]
-                step[i] -= factor * (prior[p, 0, 0] * du + prior[p, 0, 1] * dv)
-                step[num_basis + i] -= factor * (prior[p, 0, 1] * du + prior[p, 1, 1] * dv)
-            matrix[size - 1, size - 1] = moments[7, 0, 0] / s2 + offset_precision
-            step[size - 1] = -moments[8, 0, 0] / s2 - offset_precision * (zeta - offset_mean)
+            _set_up(
+                moments, scale * scale, theta, start, prior[p], prior_strength, offset_mean,
+                offset_precision, exponents, matrix, step,
+            )  # fmt: skip
             if not solve(matrix, step):
                 status[p] = 3
-                copy(start, motion[p])
+                copy(start, theta)
                 break
-            largest = 0.0
-            move_u = 0.0
-            move_v = 0.0
-            for i in range(num_basis):
-                motion[p, i] += step[i]
-                motion[p, 6 + i] += step[num_basis + i]
-                move_u += abs(step[i])
-                move_v += abs(step[num_basis + i])
-            motion[p, 12] += step[size - 1]
-            largest = max(move_u, move_v)
-            if not (largest < 4 * s):
+            moved = _go(theta, step)
+            if not (moved < 4 * s):
                 status[p] = 4
-                copy(start, motion[p])
+                copy(start, theta)
                 break
-            if largest < tolerance:
+            if moved < tolerance:
                 break
 
 
