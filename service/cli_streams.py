@@ -62,7 +62,7 @@ def _add_publish(commands: Any) -> None:
     parser.add_argument("--stream", required=True, metavar="NAME", help="name of the stream")
     parser.add_argument(
         "--rate", type=_rate, metavar="N",
-        help="frames a second (default: the scene's, or the first camera's)",
+        help="frames a second (default: the scene's, or the left eye's camera's)",
     )  # fmt: skip
     parser.add_argument("--loop", action="store_true", help="begin again at the end, for ever")
     parser.add_argument(
@@ -245,8 +245,10 @@ def _relay_cameras(arguments: argparse.Namespace) -> int:
     addresses = dict(arguments.camera)
     if len(addresses) < len(arguments.camera):
         raise ConfigurationError("--camera: a name is given twice")
-    if arguments.loop or arguments.jitter or arguments.loss:
-        raise ConfigurationError("--loop, --jitter, --loss: for a scene that is played only")
+    if arguments.loop or arguments.jitter or arguments.loss or hasattr(arguments, "input_layout"):
+        raise ConfigurationError(
+            "--loop, --jitter, --loss, --input-layout: for a scene that is played only"
+        )
     rig = None
     if arguments.scene is not None:
         path = arguments.scene
@@ -262,13 +264,18 @@ def _relay_cameras(arguments: argparse.Namespace) -> int:
 
     encoding = PictureEncoding.named(arguments.encoding or "jpeg")
     # refused before any camera is opened, if it is to be
-    manifest_of_cameras(addresses, arguments.rate or Fraction(1), rig, *_pair(arguments))
+    left, _ = manifest_of_cameras(
+        addresses, arguments.rate or Fraction(1), rig, *_pair(arguments)
+    ).pair
+    addresses = {left: addresses[left], **addresses}  # there is no frame without the left eye
     with (
         _until_signal() as stop,
         _connected(arguments) as bus,
         Cameras(addresses, stop, fps=arguments.rate, encoding=encoding, on_news=tell) as cameras,
     ):
-        manifest = manifest_of_cameras(addresses, cameras.fps, rig, *_pair(arguments))
+        manifest = manifest_of_cameras(
+            dict(arguments.camera), cameras.fps, rig, *_pair(arguments)
+        )  # fmt: skip
         if not arguments.quiet:
             rate = f"{float(cameras.fps):g} frames a second"
             _note(f"{arguments.stream}: {len(addresses)} cameras, {rate}")
@@ -278,7 +285,8 @@ def _relay_cameras(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         sys.stdout.write(
             f"published {sent.frames} frames, {sent.pictures} pictures, "
-            f"{sent.bytes / 1e6:.1f} MB; {sent.incomplete} frames lacked a camera\n"
+            f"{sent.bytes / 1e6:.1f} MB; {sent.incomplete} frames lacked a camera; "
+            f"left out {cameras.left_out} that could not be sent in time\n"
         )
     return EXIT_DONE
 
@@ -417,13 +425,10 @@ def _check_stream(name: str) -> None:
 
 
 def _camera(text: str) -> tuple[str, str]:
-    name, equals, address = text.partition("=")
-    if not (name and equals and address):
-        raise ValueError(text)
+    name, _, address = text.partition("=")
+    if not (name and address) or "://" in name:  # and what was said, with its password, is not told
+        raise argparse.ArgumentTypeError("must be NAME=ADDRESS, as left=rtsp://HOST/PATH")
     return name, address
-
-
-_camera.__name__ = "NAME=ADDRESS"  # for argparse
 
 
 def _rate(text: str) -> Fraction:

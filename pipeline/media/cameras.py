@@ -5,24 +5,28 @@ A camera that is lost is opened again for as long as it takes; the others go on 
 
 from __future__ import annotations
 
-import contextlib
-import queue
 import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 
 import av
 import av.error
+import numpy.typing as npt
 
 from pipeline.errors import ConfigurationError, Interrupted, SceneError
-from pipeline.media.decode import planar, planes_of
+from pipeline.media.decode import matrix_of, planar, planes_of, range_of
 from pipeline.media.instants import Instant, Instants, SteadyClock
 from pipeline.media.jpeg import encode_jpeg
 from pipeline.media.live_frames import EncodedPicture, PictureEncoding
 from pipeline.media.png import encode_png
+from pipeline.media.video_format import HIGHEST_FPS
+from pipeline.media.ycbcr import MATRIX_CODES, matrix_for
+from pipeline.media.yuv import Range
 
 OPEN_WITHIN, READ_WITHIN = 10.0, 5.0
 """How long a camera may take to be there, and to send on, seconds."""
@@ -59,13 +63,16 @@ class CameraNews:
     """Why it is lost; None: it is there."""
 
 
-def without_password(address: str) -> str:
-    """Return an address that may be shown.
+def host_of(address: str) -> str:
+    """Return what may be shown of an address: all else may be a password or a key.
 
-    >>> without_password("rtsp://ann:secret@10.0.0.7/main")
-    'rtsp://ann:…@10.0.0.7/main'
+    >>> host_of("rtsp://ann:sec@ret@10.0.0.7:554/main?key=1"), host_of("rtsp://ann:sec/ret@host")
+    ('rtsp://10.0.0.7:554', 'rtsp://…')
     """
-    return re.sub(r"(//[^/@:]*:)[^/@]*@", r"\1…@", address)
+    kind, _, rest = address.partition("://")
+    authority, *path = re.split(r"[/?#]", rest, maxsplit=1)
+    host = "…" if "@" in "".join(path) else authority.rpartition("@")[2]
+    return f"{kind}://{host}"
 
 
 class Cameras:
@@ -84,6 +91,11 @@ class Cameras:
         How pictures are handed out.
     on_news : callable
         Told what happens to cameras, from their threads.
+
+    Attributes
+    ----------
+    fps : Fraction
+        Instants a second.
 
     Raises
     ------
@@ -107,14 +119,16 @@ class Cameras:
         for name, address in addresses.items():
             if "://" not in address:
                 raise ConfigurationError(
-                    f"--camera {name}: {address!r} is no address like rtsp://HOST/PATH; files are "
-                    "played by a scene.json that names them"
+                    f"--camera {name}: must be an address like rtsp://HOST/PATH; files are played "
+                    "by a scene.json that names them"
                 )
         self._encoding = encoding
         self._stop = stop
-        self._news: queue.Queue[tuple[str, int, int, av.VideoFrame]] = queue.Queue(64)
+        self._came = threading.Condition()
+        self._together: Instants[av.VideoFrame] | None = None
+        """None: nobody wants pictures yet."""
         self._readers = [
-            _Reader(name, address, self._stop, self._news, on_news)
+            _Reader(name, address, self._stop, partial(self._add, name), on_news)
             for name, address in addresses.items()
         ]
         try:
@@ -135,21 +149,40 @@ class Cameras:
         together: Instants[av.VideoFrame] = Instants(
             names, period=period, patience=period + SPARE
         )  # fmt: skip
-        while not self._stop.is_set():
-            with contextlib.suppress(queue.Empty):
-                camera, taken, came, frame = self._news.get(timeout=period / 1e9)
-                together.add(camera, taken, came, frame)
-            for instant in together.ready(time.time_ns()):
-                pictures = {
-                    name: encoded(frame, self._encoding) for name, frame in instant.pictures.items()
-                }
-                yield Instant(taken=instant.taken, pictures=pictures)
+        with self._came:
+            self._together = together
+        with ThreadPoolExecutor(len(names)) as pool:
+            while not self._stop.is_set():
+                with self._came:
+                    instant = next(together.ready(time.time_ns()), None)
+                    if instant is None:
+                        self._came.wait(min(period, SPARE) / 1e9)
+                        continue
+                encode = partial(encoded, encoding=self._encoding)
+                pictures = pool.map(encode, instant.pictures.values())
+                yield Instant(
+                    taken=instant.taken,
+                    pictures=dict(zip(instant.pictures, pictures, strict=True)),
+                )
+
+    @property
+    def left_out(self) -> int:
+        """Instants that were not handed out, since they were not taken in time."""
+        with self._came:
+            return 0 if self._together is None else self._together.left_out
+
+    def _add(self, camera: str, taken: int, came: int, frame: av.VideoFrame) -> None:
+        with self._came:
+            if self._together is not None:
+                self._together.add(camera, taken, came, frame)
+                self._came.notify()
 
     def close(self) -> None:
-        """Let go of all cameras."""
+        """Let go of all cameras; a thread that is just opening one ends a little later."""
         self._stop.set()
+        deadline = time.monotonic() + READ_WITHIN + 1
         for reader in self._readers:
-            reader.join()
+            reader.join(deadline)
 
     def __enter__(self) -> Cameras:
         return self
@@ -163,11 +196,11 @@ class _Reader:
 
     def __init__(
         self, name: str, address: str, stop: threading.Event,
-        news: queue.Queue[tuple[str, int, int, av.VideoFrame]],
+        on_frame: Callable[[int, int, av.VideoFrame], None],
         on_news: Callable[[CameraNews], None],
     ) -> None:  # fmt: skip
         self.name, self._address = name, address
-        self._stop, self._frames, self._on_news = stop, news, on_news
+        self._stop, self._on_frame, self._on_news = stop, on_frame, on_news
         self.fps: Fraction | None = None
         self._came = threading.Event()
         self._problem = ""
@@ -176,9 +209,9 @@ class _Reader:
     def start(self) -> None:
         self._thread.start()
 
-    def join(self) -> None:
+    def join(self, deadline: float) -> None:
         if self._thread.ident is not None:
-            self._thread.join(READ_WITHIN + 1)
+            self._thread.join(max(0.0, deadline - time.monotonic()))
 
     def wait_for_first(self, deadline: float) -> None:
         """Wait for the first picture."""
@@ -188,7 +221,7 @@ class _Reader:
             if time.monotonic() < deadline:
                 continue
             said = self._problem or "it sends no picture"
-            raise SceneError(f"{said}: {without_password(self._address)}", view=self.name)
+            raise SceneError(f"{said}: {host_of(self._address)}", view=self.name)
 
     def _run(self) -> None:
         rest = 0.5
@@ -196,7 +229,7 @@ class _Reader:
             try:
                 count = self._read()
                 problem = "the camera has ended its stream"
-            except (av.error.FFmpegError, OSError) as error:
+            except (av.error.FFmpegError, OSError, ValueError) as error:
                 count, problem = 0, _said(error)
             if self._stop.is_set():
                 return
@@ -213,14 +246,14 @@ class _Reader:
         """Read until the camera ends or fails; return the number of pictures."""
         count = 0
         with av.open(
-            self._address, options=_OPTIONS, timeout=(OPEN_WITHIN, READ_WITHIN)
+            self._address, options=_OPTIONS, timeout=(OPEN_WITHIN, READ_WITHIN),
+            metadata_errors="replace",
         ) as container:  # fmt: skip
             if not container.streams.video:
                 raise OSError(0, "there is no video in it")
             stream = container.streams.video[0]
             stream.thread_type = "SLICE"  # threads by frames would hold pictures back
-            rate = stream.average_rate or stream.guessed_rate
-            self.fps = Fraction(rate.numerator, rate.denominator) if rate else None
+            self.fps = _rate_of(stream)
             clock, settled = SteadyClock(), time.monotonic() + SETTLE
             for frame in container.decode(stream):
                 if self._stop.is_set():
@@ -238,30 +271,57 @@ class _Reader:
             self._on_news(CameraNews(camera=self.name, problem=None))
         self._problem = ""
         self._came.set()
-        with contextlib.suppress(queue.Full):  # nobody has taken any for long: they are old
-            self._frames.put_nowait((self.name, taken, came, frame))
+        self._on_frame(taken, came, frame)
+
+
+def _rate_of(stream: av.VideoStream) -> Fraction | None:
+    """Return the frames a second that a camera tells; ticks of its clock are none."""
+    for rate in (stream.average_rate, stream.guessed_rate):
+        if rate and rate <= HIGHEST_FPS:
+            return Fraction(rate.numerator, rate.denominator)
+    return None
 
 
 def encoded(frame: av.VideoFrame, encoding: PictureEncoding) -> EncodedPicture:
     """Return a decoded picture as it is sent."""
     if encoding is PictureEncoding.RAW:
         return _raw(frame)
-    rgb = frame.to_ndarray(format="rgb24")
-    data = encode_png(rgb) if encoding is PictureEncoding.PNG else encode_jpeg(rgb, quality=QUALITY)
+    if encoding is PictureEncoding.PNG:
+        data = encode_png(_rgb(frame, "rgb48le" if _is_deep(frame) else "rgb24"))
+    else:
+        data = encode_jpeg(_rgb(frame, "rgb24"), quality=QUALITY)
     return EncodedPicture(encoding=encoding, data=data)
 
 
 def _raw(frame: av.VideoFrame) -> EncodedPicture:
-    """Return the planes as the camera sent them, where the format has a name that is understood."""
-    frame, layout = planar(frame)
-    if layout is None:
-        frame, layout = planar(frame.reformat(format="yuv420p"))
-    assert layout is not None
-    data = b"".join(plane.tobytes() for plane in planes_of(frame, layout))
+    """Return the planes as the camera sent them; RGB where they would be taken for other ones."""
+    flat, layout = planar(frame)
+    name = flat.format.name
+    if layout is not None and (
+        not layout.has_chroma
+        or (
+            matrix_of(frame) is matrix_for(frame.height)
+            and (range_of(frame, layout, Range.LIMITED) is Range.FULL) == name.startswith("yuvj")
+        )
+    ):
+        data = b"".join(plane.tobytes() for plane in planes_of(flat, layout))
+    else:
+        name = "rgb48le" if _is_deep(frame) else "rgb24"
+        data = _rgb(frame, name).tobytes()
     return EncodedPicture(
         encoding=PictureEncoding.RAW, data=data, width=frame.width, height=frame.height,
-        pixel_format=frame.format.name,
+        pixel_format=name,
     )  # fmt: skip
+
+
+def _rgb(frame: av.VideoFrame, pixel_format: str) -> npt.NDArray:
+    if not frame.format.is_rgb:
+        frame.colorspace = MATRIX_CODES[matrix_of(frame)]  # the converter has another default
+    return frame.to_ndarray(format=pixel_format)
+
+
+def _is_deep(frame: av.VideoFrame) -> bool:
+    return max(component.bits for component in frame.format.components) > 8
 
 
 def _said(error: Exception) -> str:
@@ -269,4 +329,5 @@ def _said(error: Exception) -> str:
         return "it sends nothing"
     if isinstance(error, av.error.ProtocolNotFoundError):
         return "addresses of this kind are not known"
-    return (getattr(error, "strerror", None) or str(error)).lower()
+    # never the whole message, which has the address with its password
+    return (getattr(error, "strerror", None) or "it cannot be read").lower()

@@ -460,7 +460,14 @@ def planes_of(frame: av.VideoFrame, layout: PlanarFormat) -> tuple[npt.NDArray, 
     return tuple(planes)
 
 
-def _range_of(frame: av.VideoFrame, layout: PlanarFormat, untold: Range) -> Range:
+def matrix_of(frame: av.VideoFrame) -> YcbcrMatrix:
+    """Return the matrix that a frame is tagged with, or else the usual one of its kind."""
+    told = _MATRICES.get(int(frame.colorspace))
+    return told or matrix_for(frame.height, int(frame.color_primaries))
+
+
+def range_of(frame: av.VideoFrame, layout: PlanarFormat, untold: Range) -> Range:
+    """Return the range that a frame is tagged with; that of its format, or ``untold``, else."""
     tagged = int(frame.color_range or 0)
     if tagged == 2 or frame.format.name.startswith("yuvj") or not layout.has_chroma:
         return Range.LIMITED if tagged == 1 else Range.FULL
@@ -473,8 +480,8 @@ def _picture(frame: av.VideoFrame) -> Picture:
         deep = max(component.bits for component in frame.format.components) > 8
         rgb = frame.to_ndarray(format="rgb48le" if deep else "rgb24")
         return picture_from_rgb(rgb, 65535.0 if deep else 255.0)
-    matrix = _MATRICES.get(int(frame.colorspace)) or matrix_for(frame.height)
-    value_range = _range_of(frame, layout, Range.LIMITED)
+    value_range = range_of(frame, layout, Range.LIMITED)
+    matrix = matrix_of(frame)
     return picture_from_planes(planes_of(flat, layout), layout, matrix, value_range)
 
 
@@ -486,5 +493,5 @@ def _samples(frame: av.VideoFrame, path: Path) -> npt.NDArray:
         if not ((rgb[..., 0] == rgb[..., 1]) & (rgb[..., 0] == rgb[..., 2])).all():
             raise SceneError("a depth map in colour; one channel is needed", path=path)
         return np.ascontiguousarray(rgb[..., 0])
-    value_range = _range_of(frame, layout, Range.FULL)
+    value_range = range_of(frame, layout, Range.FULL)
     return stored_values(planes_of(flat, layout)[0], layout.bits, value_range).copy()

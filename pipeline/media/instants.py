@@ -16,11 +16,16 @@ T = TypeVar("T")
 KEPT = 32
 """Most pictures of a camera that wait for their instant."""
 
+LATE = 1_000_000_000
+"""An instant that could have been taken away for so long is left out, nanoseconds: who is too slow
+for the cameras is never further behind them."""
+
 FORGOTTEN = 10_000_000_000
 """How long the least delay of a picture is remembered, nanoseconds."""
 
 JUMP = 1_000_000_000
-"""A picture that is this much earlier or later than expected begins the clock anew, nanoseconds."""
+"""Time stamps that jump by more than this, and not since so much time has gone by, begin the clock
+anew, nanoseconds. Pictures that come so much later with stamps that go on were held up."""
 
 
 class SteadyClock:
@@ -39,6 +44,8 @@ class SteadyClock:
     def __init__(self) -> None:
         self._delays: deque[tuple[int, int]] = deque()
         """(when it came, delay), delays growing."""
+        self._stamp = 0
+        """The last one."""
 
     def taken(self, stamp: int, came: int) -> int:
         """Return when a picture was taken, give or take what is the same for all, nanoseconds.
@@ -52,8 +59,9 @@ class SteadyClock:
         """
         delay = came - stamp
         delays = self._delays
-        if delays and abs(delay - delays[0][1]) > JUMP:
+        if delays and min(abs(stamp - self._stamp), abs(delay - delays[0][1])) > JUMP:
             delays.clear()
+        self._stamp = stamp
         while delays and delays[-1][1] >= delay:
             delays.pop()
         delays.append((came, delay))
@@ -91,6 +99,11 @@ class Instants(Generic[T]):
         out.
     patience : int
         How long an instant waits for the others after its own picture came, nanoseconds.
+
+    Attributes
+    ----------
+    left_out : int
+        Instants that nobody took in time.
     """
 
     def __init__(self, cameras: Sequence[str], *, period: int, patience: int) -> None:
@@ -100,6 +113,7 @@ class Instants(Generic[T]):
             camera: deque(maxlen=KEPT) for camera in cameras
         }
         self._due: int | None = None
+        self.left_out = 0
 
     def add(self, camera: str, taken: int, came: int, picture: T) -> None:
         """Take a picture; those of one camera come in order."""
@@ -110,6 +124,7 @@ class Instants(Generic[T]):
             if taken < self._due - self._period // 8:
                 return
             self._due += self._period
+            self.left_out += len(self._kept[camera]) == KEPT
         self._kept[camera].append(_Waiting(taken, came, picture))
 
     def ready(self, now: int) -> Iterator[Instant[T]]:
@@ -122,7 +137,11 @@ class Instants(Generic[T]):
         """
         pace = self._kept[self._first]
         while pace and (self._is_whole(pace[0]) or now - pace[0].came >= self._patience):
-            yield self._instant(pace.popleft())
+            first = pace.popleft()
+            if now - first.came > self._patience + LATE:
+                self.left_out += 1
+            else:
+                yield self._instant(first)
 
     def _is_whole(self, first: _Waiting[T]) -> bool:
         """Tell whether every other camera has gone past the instant: nothing nearer will come."""

@@ -12,6 +12,7 @@ from pipeline.errors import ConfigurationError
 from pipeline.media.instants import Instant
 from pipeline.media.live_frames import EncodedPicture
 from pipeline.media.live_manifest import LiveManifest, live_manifest, without_paths
+from pipeline.media.manifest import MANIFEST_FORMAT
 from pipeline.media.scene_source import with_pair
 from service.bus.keys import Part
 from service.streams.feed import Feed, header_of
@@ -57,21 +58,21 @@ def manifest_of_cameras(
         If the rig, or the names, make no scene.
     """
     names = list(names)
-    content: dict[str, Any] = {"views": [{"id": name} for name in names]}
+    content: dict[str, Any] = {
+        "format": MANIFEST_FORMAT, "views": [{"id": name} for name in names]
+    }  # fmt: skip
     if rig is not None:
-        content = {key: rig[key] for key in ("views", "stereo") if key in rig}
-        there = [view.get("id") for view in content["views"] if isinstance(view, dict)]
-        if sorted(map(str, there)) != sorted(names):
+        content = live_manifest(rig).content
+        there = [view["id"] for view in content["views"]]
+        if sorted(there) != sorted(names):
             raise ConfigurationError(
-                f"--camera: the scene has the views {', '.join(map(str, there))}, "
+                f"--camera: the scene has the views {', '.join(there)}, "
                 f"there are cameras {', '.join(names)}"
             )
-        content["views"] = [
-            {key: value for key, value in view.items() if key not in ("color", "depth")}
-            for view in content["views"]
-        ]
-    said = {"format": "depthsr-scene/1", "fps": f"{fps.numerator}/{fps.denominator}"}
-    scene = with_pair(live_manifest(said | content).scene, left, right)
+        content.pop("depth", None)
+        content["views"] = [view | {"depth": False} for view in content["views"]]
+    content["fps"] = f"{fps.numerator}/{fps.denominator}"
+    scene = with_pair(live_manifest(content).scene, left, right)
     return LiveManifest(scene=scene, content=without_paths(scene))
 
 

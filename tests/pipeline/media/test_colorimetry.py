@@ -25,7 +25,7 @@ from pipeline.media.colorimetry import (
     LightLevel,
     MasteringDisplay,
 )
-from pipeline.media.decode import VideoReader
+from pipeline.media.decode import VideoReader, matrix_of
 from pipeline.media.encode import join_segments, write_segment
 from pipeline.media.images import read_header
 from pipeline.media.live_encode import LiveEncoder
@@ -34,6 +34,7 @@ from pipeline.media.png import encode_png, write_png
 from pipeline.media.probe import describe, format_description
 from pipeline.media.source import open_scene
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
+from pipeline.media.ycbcr import YcbcrMatrix
 from pipeline.run import run_job
 from pipeline.stereo import StereoLayout
 from tests.support.needed import program
@@ -183,6 +184,14 @@ def test_views_that_differ_are_told(tmp_path, write_scene):
 def test_what_says_nothing_is_taken_for_the_usual():
     assert Colorimetry.told(2, 0).is_usual
     assert Colorimetry.told(9, 99).names == ("bt2020", "bt709")
+
+
+def test_a_matrix_that_is_not_told_follows_the_primaries():
+    """As players take it (mpv), and as results are written."""
+    frame = av.VideoFrame(64, 48, "yuv420p10le")
+    assert matrix_of(frame) is YcbcrMatrix.BT601
+    frame.color_primaries = BT2020
+    assert matrix_of(frame) is YcbcrMatrix.BT2020
 
 
 def test_a_usual_png_has_no_chunk_more():

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.media.instants import FORGOTTEN, KEPT, Instants, SteadyClock
+from pipeline.media.instants import FORGOTTEN, KEPT, LATE, Instants, SteadyClock
 
 MS = 1_000_000
 
@@ -28,6 +28,13 @@ def test_the_clock_begins_anew_where_time_stamps_do():
     clock.taken(5_000 * MS, 9_000 * MS)
     assert clock.taken(0, 9_040 * MS) == 9_040 * MS
     assert clock.taken(40 * MS, 9_081 * MS) == 9_080 * MS
+
+
+def test_what_the_network_held_up_was_taken_when_it_was():
+    clock = SteadyClock()
+    clock.taken(0, 7 * MS)
+    held = [clock.taken(40 * n * MS, 2_000 * MS + n) for n in range(1, 50)]
+    assert held == [40 * n * MS + 7 * MS for n in range(1, 50)]
 
 
 def test_the_clock_forgets_and_so_follows_one_that_drifts():
@@ -91,14 +98,23 @@ def test_what_nobody_takes_is_not_kept_for_ever():
     for n in range(10 * KEPT):
         instants.add("a", n * MS, n * MS, n)
         instants.add("b", n * MS, n * MS, n)
-    assert len(list(instants.ready(10**12))) == KEPT
+    assert len(list(instants.ready(10 * KEPT * MS))) == KEPT
+    assert instants.left_out == 9 * KEPT
+
+
+def test_what_could_have_been_taken_away_long_ago_is_left_out_and_counted():
+    instants = Instants(["a"], period=100 * MS, patience=0)
+    for n in range(10):
+        instants.add("a", 100 * n * MS, 100 * n * MS, n)
+    taken = [item.pictures["a"] for item in instants.ready(LATE + 400 * MS)]
+    assert (taken, instants.left_out) == ([4, 5, 6, 7, 8, 9], 4)
 
 
 def test_the_pace_goes_on_after_a_gap_and_after_a_clock_set_back():
     instants = Instants(["a"], period=100 * MS, patience=0)
     for at in (0, 100, 5000, 5100, 40, 140):
         instants.add("a", at * MS, at * MS, at)
-    assert [item.pictures["a"] for item in instants.ready(10**12)] == [0, 100, 5000, 5100, 40, 140]
+    assert [item.pictures["a"] for item in instants.ready(0)] == [0, 100, 5000, 5100, 40, 140]
 
 
 @given(

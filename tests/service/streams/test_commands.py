@@ -27,10 +27,12 @@ CAMERAS = ["--camera", "b=tcp://h", "--camera", "c=tcp://h"]
         (["publish", "none"], "--stream"),
         (["publish", "--stream", "a"], "name a scene to play, or cameras"),
         (["publish", "--stream", "a", "--camera", "left"], "--camera"),
+        (["publish", "--stream", "a", "--camera", "rtsp://h/?key=x"], "must be NAME=ADDRESS, as"),
         (["publish", "--stream", "a", "--camera", "b=tcp://h"], "two or more are needed"),
         (["publish", "--stream", "a", *2 * ["--camera", "b=tcp://h"]], "given twice"),
         (["publish", "none", "--stream", "a", "--camera", "b=tcp://h"], "none: cannot be read"),
         (["publish", "--stream", "a", "--camera", "b=tcp://h", "--loop"], "--loop"),
+        (["publish", "--stream", "a", *CAMERAS, "--input-layout", "sbs"], "--input-layout"),
         (["publish", "--stream", "a", *CAMERAS, "--left", "x"], "--left: no view 'x'"),
     ],
 )

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import pytest
 
-from pipeline.errors import ConfigurationError
+from pipeline.errors import ConfigurationError, SceneError
 from pipeline.media.instants import Instant
 from pipeline.media.live_frames import EncodedPicture, PictureEncoding
 from service.bus import keys
@@ -30,7 +30,6 @@ def test_two_cameras_are_a_pair_and_the_middle_of_more():
 
 
 def test_a_rig_gives_order_calibration_and_pair_but_no_depth(tiny_scene):
-
     rig = json.loads((tiny_scene / "scene.json").read_text())
     names = [view["id"] for view in rig["views"]]
     manifest = manifest_of_cameras(reversed(names), RATE, rig)
@@ -39,6 +38,12 @@ def test_a_rig_gives_order_calibration_and_pair_but_no_depth(tiny_scene):
     assert (manifest.scene.views[0].calibration is None) == ("intrinsics" not in rig["views"][0])
     with pytest.raises(ConfigurationError, match="there are cameras x, y"):
         manifest_of_cameras(["x", "y"], RATE, rig)
+
+
+@pytest.mark.parametrize("rig", [[], {}, {"views": 5}, {"format": "depthsr-scene/1", "views": [5]}])
+def test_what_is_no_rig_is_told(rig):
+    with pytest.raises(SceneError, match="manifest"):
+        manifest_of_cameras("lr", RATE, rig)
 
 
 def test_every_picture_is_sent_with_its_frame_and_time():
