@@ -121,6 +121,15 @@ def nearest_views(
     return tuple(view_ids[place] for place in sorted(kept))
 
 
+def depth_looked_at(
+    effort: Effort, view_ids: Sequence[str], targets: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the views whose depth maps are looked at."""
+    if not effort.needs_depth:
+        return ()
+    return nearest_views(view_ids, targets, effort.views if effort.by_depth else None)
+
+
 def looked_at(
     effort: Effort, view_ids: Sequence[str], targets: Sequence[str], frame_index: int
 ) -> tuple[str, ...]:

@@ -65,14 +65,20 @@ CHANGED_ALONE, REFRESH_PER_VIEW = 0.06, 0.056
 """Work of a frame whose eyes are made of themselves alone where they change, and what each view
 adds if all that stands still is refreshed."""
 
-KEPT, KEPT_PER_VIEW = 0.05, 0.02
+KEPT, KEPT_PER_VIEW = 0.1, 0.0165
 """What is added where what changes is made by kept motions, and by each view that it is made of."""
 
-LANDED_PER_VIEW = 0.012
+LANDED_PER_VIEW = 0.008
 """What each view adds besides where that lands by its depth."""
+
+READ_PER_VIEW, DEPTH_PER_VIEW = 0.008, 0.01
+"""Work of reading a view, and its depth map, where views other than the eyes are looked at."""
 
 ALONE = 0.05
 """The same of one whose eyes are made of themselves alone."""
+
+BY_DEPTH_VIEWS, BY_DEPTH_STEPS = 4, 3
+"""Views of which what changes is made, and steps, where it lands by depth and all are too much."""
 
 REFRESH_EVERY = 8
 """Frames within which what stands still is made again, low on the ladder."""
@@ -104,7 +110,10 @@ COLD = 3.0
 since it may compile, too."""
 
 LITTLE = 0.75
-"""Share of the budget below which a frame is calm."""
+"""Share of the budget below which a frame is calm …"""
+
+ENOUGH = 0.95
+"""… as it is where the rung above should take no more than this."""
 
 CALM, LONGEST_CALM = 16, 256
 """Calm frames before quality goes up, at first and at most."""
@@ -139,6 +148,13 @@ class Rung:
         of_view = PER_VIEW * (1 - REGISTRATION + REGISTRATION / effort.register_every)
         return BASE + views * of_view + steps * PER_STEP
 
+    def reading(self, num_views: int) -> float:
+        """Return about how much it costs besides to read what the eyes are not, in that unit."""
+        effort = self.effort
+        views = num_views if effort.looks_around else 0
+        deep = num_views if effort.registers or not effort.views else effort.views
+        return views * READ_PER_VIEW + effort.needs_depth * deep * DEPTH_PER_VIEW
+
     def __str__(self) -> str:
         effort = self.effort
         if effort.alone:
@@ -161,8 +177,9 @@ class Rung:
 def ladder(num_views: int, num_eyes: int = 2, *, has_depth: bool = False) -> tuple[Rung, ...]:
     """Return the rungs from full quality downwards, each with less than the one above it.
 
-    Where all views have depth maps, what changes lands by them in place of views being registered
-    more and more seldom, which costs more and gives less.
+    Where all views have depth maps, what changes lands by them, of all views and then of those
+    nearest to the eyes, in place of views being registered more and more seldom and of motions
+    kept, which cost more and give less.
 
     >>> for rung in ladder(8):
     ...     print(rung)
@@ -180,8 +197,12 @@ def ladder(num_views: int, num_eyes: int = 2, *, has_depth: bool = False) -> tup
     each eye alone, what stands still made again
     each eye alone
 
-    >>> " > ".join(str(rung) for rung in ladder(8, has_depth=True)[1:5])
-    '3 steps > 2 steps > what changes lands by its depth > motions kept'
+    >>> for rung in ladder(8, has_depth=True)[2:6]:
+    ...     print(rung)
+    2 steps
+    what changes lands by its depth
+    3 steps, what changes lands by its depth, 4 views for what changes
+    motions kept, 2 views for what changes
     """
     efforts = [FULL, *(Effort(steps=steps) for steps in STEPS)]
     if num_views > 1 and has_depth:
@@ -195,7 +216,11 @@ def ladder(num_views: int, num_eyes: int = 2, *, has_depth: bool = False) -> tup
             if count < above
         ]
     if num_views > 1:
-        efforts.append(Effort(register=False))
+        efforts.append(
+            replace(SWIFT, views=BY_DEPTH_VIEWS, steps=BY_DEPTH_STEPS)
+            if has_depth and num_views > BY_DEPTH_VIEWS >= num_eyes
+            else Effort(register=False)
+        )
         if 1 < num_eyes < num_views / 2:
             efforts.append(Effort(register=False, views=num_eyes, refresh_every=REFRESH_EVERY))
         efforts.append(Effort(alone=True, refresh_every=REFRESH_EVERY))
@@ -290,7 +315,7 @@ class Controller:
     """Shares of the budget that the last frames took, all of the rung ``_made``."""
     _made: int = field(default=0, init=False)
     _beside: list[float] = field(default_factory=list, init=False)
-    """Shares of the budget that the last frames took beside what their rungs decide on."""
+    """Likewise, what they took beside the work of the rung."""
     _calm: int = field(default=0, init=False)
     _calm_needed: int = field(default=CALM, init=False)
     _since_up: int = field(default=TRIAL, init=False)
@@ -360,10 +385,14 @@ class Controller:
         seconds : float
             From its beginning until the next one could begin.
         worked : float, optional
-            Those of them that the rung decides on; default: all.
+            Those of them that the worker took; of the others the rung decides on the reading alone.
+            Default: it decides on all.
         """
-        beside = 0.0 if worked is None else max(0.0, seconds - worked) / self.budget
-        self._beside = [*self._beside, beside][-JUDGED:]
+        if choice.level != self._made:
+            self._costs, self._beside, self._made = [], [], choice.level
+        if worked is not None:
+            beside = max(0.0, seconds - worked) / self.budget
+            self._beside = [*self._beside, beside][-JUDGED:]
         is_first = not any(self._frames)
         self._frames[choice.level] += 1
         cost = seconds / self.budget
@@ -371,15 +400,14 @@ class Controller:
             if cost / COLD > FAR_TOO_MUCH:
                 self._move(self._level_for(cost / COLD, self.level, self.level))
             return
-        if choice.level != self._made:
-            self._costs, self._made = [], choice.level
         self._costs = [*self._costs, cost][-JUDGED:]
         if choice.level > self.level:
             if self._load() > TOO_MUCH:
                 self._down(self._load(), choice.level)
             return
         self._since_up += 1
-        self._calm = self._calm + 1 if cost < LITTLE else max(0, self._calm - RESTLESS)
+        is_calm = cost < LITTLE or self._above(cost) <= ENOUGH
+        self._calm = self._calm + 1 if is_calm else max(0, self._calm - RESTLESS)
         load = self._load()
         was_guess, self._is_guess = self._is_guess, self._is_guess and cost > TOO_MUCH
         if was_guess and cost <= TOO_MUCH and self._level_for(cost, self.level, 0) < self.level:
@@ -422,14 +450,27 @@ class Controller:
 
     def _expected(self, load: float, level: int) -> list[float]:
         """Return the share of the budget that frames should take on each rung."""
+        works = [rung.work(self.num_views) for rung in self._rungs]
+        readings = [rung.reading(self.num_views) for rung in self._rungs]
+        if not self._beside:
+            of_one = load / (works[level] + readings[level])
+            return [of_one * sum(both) for both in zip(works, readings, strict=True)]
         beside = min(load, statistics.median(self._beside))
-        of_one = (load - beside) / self._rungs[level].work(self.num_views)
-        return [beside + of_one * rung.work(self.num_views) for rung in self._rungs]
+        of_one = (load - beside) / works[level]
+        rest = beside - of_one * readings[level]
+        return [
+            of_one * work + max(0.0, rest + of_one * reading)
+            for work, reading in zip(works, readings, strict=True)
+        ]
+
+    def _above(self, load: float) -> float:
+        """Return the share of the budget that frames should take on the rung above."""
+        return self._expected(load, self.level)[max(0, self.level - 1)]
 
     def _calm_before_up(self) -> int:
         """Return how many calm frames are asked for: most where a rung up should be too much."""
-        expected = self._expected(statistics.median(self._costs), self.level)[self.level - 1]
-        return LONGEST_CALM if expected > TOO_MUCH else self._calm_needed
+        is_too_much = self._above(statistics.median(self._costs)) > TOO_MUCH
+        return LONGEST_CALM if is_too_much else self._calm_needed
 
     def _move(self, level: int, *, climbs: bool = False) -> None:
         self.level, self._costs, self._calm = level, [], 0

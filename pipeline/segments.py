@@ -22,7 +22,7 @@ from typing import Any, Protocol, TypeVar
 
 from pipeline.channel import Ahead
 from pipeline.debug_pictures import write_debug_pictures
-from pipeline.effort import FULL, Effort, looked_at
+from pipeline.effort import FULL, Effort, depth_looked_at, looked_at
 from pipeline.errors import SceneError
 from pipeline.events import Event, SegmentFinished, Warned
 from pipeline.frames import MultiViewFrame
@@ -324,13 +324,14 @@ class _Line:
             nonlocal before
             for number in wanted:
                 level = 0 if window else controller.level
-                level = highest_at_hand(source, number, efforts, level, before)
+                level = highest_at_hand(source, targets, number, efforts, level, before)
                 effort = before = efforts[level]
                 self.levels[number] = level
-                only = None
-                if not effort.needs_depth:
-                    only = looked_at(effort, source.info.view_ids, targets, number)
-                yield source.read(number, only=only)
+                view_ids = source.info.view_ids
+                only = looked_at(effort, view_ids, targets, number)
+                depth = depth_looked_at(effort, view_ids, targets)
+                is_all = only == depth == view_ids
+                yield source.read(number, only=None if is_all else only, depth=depth)
 
         return self._read(frames, segments)
 
@@ -424,7 +425,12 @@ class _Line:
 
 
 def highest_at_hand(
-    source: FrameSource, frame_index: int, efforts: Sequence[Effort], level: int, before: Effort
+    source: FrameSource,
+    targets: Sequence[str],
+    frame_index: int,
+    efforts: Sequence[Effort],
+    level: int,
+    before: Effort,
 ) -> int:
     """Return the first rung from ``level`` for which a frame has what it takes.
 
@@ -439,12 +445,14 @@ def highest_at_hand(
         With which the frame before was read.
     """
     wanted = efforts[level]
-    has_depth = not wanted.needs_depth or source.approach(frame_index, depth=True)
+    depths = [set(depth_looked_at(effort, source.info.view_ids, targets)) for effort in efforts]
+    had = set(depth_looked_at(before, source.info.view_ids, targets))
+    has_depth = source.approach(frame_index, depth=depths[level])
     has_views = not wanted.looks_around or source.approach(frame_index)
     if not (has_views or before.looks_around):
         return next(level for level, effort in enumerate(efforts) if not effort.looks_around)
-    if not (has_depth or before.needs_depth):
-        return next(level for level, effort in enumerate(efforts) if not effort.needs_depth)
+    if not has_depth:
+        return next(lower for lower in range(level, len(efforts)) if depths[lower] <= had)
     return level
 
 

@@ -250,7 +250,13 @@ class SceneSource:
         notes.append(f"fps is not said; {UNTOLD_FPS} frames a second are assumed")
         return UNTOLD_FPS
 
-    def read(self, frame_index: int, *, only: Collection[str] | None = None) -> MultiViewFrame:
+    def read(
+        self,
+        frame_index: int,
+        *,
+        only: Collection[str] | None = None,
+        depth: Collection[str] = (),
+    ) -> MultiViewFrame:
         """Return all views at one instant; see :class:`pipeline.media.source.FrameSource`."""
         info = self.info
         if frame_index not in info.frame_indices:
@@ -264,7 +270,7 @@ class SceneSource:
             if only is None:
                 views = [self._read_view(view, frame_index) for view in self._views]
             else:
-                views = self._read_some(frame_index, only)
+                views = self._read_some(frame_index, only, depth)
         if only is None:
             views = estimate_missing_depth(views, depth_is_metric=info.depth_is_metric)
         return MultiViewFrame(
@@ -276,10 +282,16 @@ class SceneSource:
             depth_is_metric=info.depth_is_metric,
         )
 
-    def approach(self, frame_index: int, *, depth: bool = False) -> bool:
+    def approach(self, frame_index: int, *, depth: Collection[str] | None = None) -> bool:
         """Draw near to a frame; see :class:`pipeline.media.source.FrameSource`."""
         with self._lock:
-            return all([_approached(view, frame_index, depth=depth) for view in self._views])
+            return all(
+                [
+                    _approached(view, frame_index, depth=depth is not None)
+                    for view in self._views
+                    if depth is None or view.description.view_id in depth
+                ]
+            )
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[MultiViewFrame]:
         """Yield frames ``start`` up to but without ``stop`` (source frame numbers), in order."""
@@ -298,10 +310,15 @@ class SceneSource:
         files = self._description.files(self.info.frame_indices)
         return frozenset(known for known in map(_identity, files) if known is not None)
 
-    def _read_some(self, frame_index: int, only: Collection[str]) -> list[View]:
-        """Return these views without depth."""
+    def _read_some(
+        self, frame_index: int, only: Collection[str], depth: Collection[str]
+    ) -> list[View]:
+        """Return these views, some of them with depth."""
         return [
-            self._read_view(replace(view, depth=None), frame_index)
+            self._read_view(
+                view if view.description.view_id in depth else replace(view, depth=None),
+                frame_index,
+            )
             for view in self._views
             if view.description.view_id in only
         ]

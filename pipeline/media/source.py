@@ -25,7 +25,13 @@ class FrameSource(Protocol):
 
     info: SceneInfo
 
-    def read(self, frame_index: int, *, only: Collection[str] | None = None) -> MultiViewFrame:
+    def read(
+        self,
+        frame_index: int,
+        *,
+        only: Collection[str] | None = None,
+        depth: Collection[str] = (),
+    ) -> MultiViewFrame:
         """Return all views at one instant.
 
         Parameters
@@ -33,7 +39,9 @@ class FrameSource(Protocol):
         frame_index : int
             Source frame number, one of ``info.frame_indices``.
         only : collection of view ids, optional
-            Views whose pictures are wanted, without depth, and no others.
+            Views whose pictures are wanted, and no others; default: all, with depth.
+        depth : collection of view ids
+            Those of them whose depth is wanted, too.
 
         Raises
         ------
@@ -41,7 +49,7 @@ class FrameSource(Protocol):
             If there is no such frame, or it cannot be read; file, view and frame are named.
         """
 
-    def approach(self, frame_index: int, *, depth: bool = False) -> bool:
+    def approach(self, frame_index: int, *, depth: Collection[str] | None = None) -> bool:
         """Draw near to a frame, by little work, where not all of those before it were read.
 
         Asked of every frame, it comes to be there: a video that nobody has looked at for a while
@@ -49,8 +57,8 @@ class FrameSource(Protocol):
 
         Parameters
         ----------
-        depth : bool
-            To its depth maps in place of its pictures.
+        depth : collection of view ids, optional
+            To the depth maps of these views in place of all pictures.
 
         Returns
         -------
@@ -150,7 +158,13 @@ class MemorySource:
             pixel_aspect=pixel_aspect,
         )
 
-    def read(self, frame_index: int, *, only: Collection[str] | None = None) -> MultiViewFrame:
+    def read(
+        self,
+        frame_index: int,
+        *,
+        only: Collection[str] | None = None,
+        depth: Collection[str] = (),
+    ) -> MultiViewFrame:
         """Return all views at one instant; see :class:`FrameSource`."""
         indices = self.info.frame_indices
         if frame_index not in indices:
@@ -163,9 +177,14 @@ class MemorySource:
         if only is None:
             return frame
         views = (view for view in frame.views if view.view_id in only)
-        return replace(frame, views=tuple(replace(view, depth_map=None) for view in views))
+        return replace(
+            frame,
+            views=tuple(
+                view if view.view_id in depth else replace(view, depth_map=None) for view in views
+            ),
+        )
 
-    def approach(self, frame_index: int, *, depth: bool = False) -> bool:
+    def approach(self, frame_index: int, *, depth: Collection[str] | None = None) -> bool:
         """All frames are there."""
         return True
 

@@ -73,7 +73,7 @@ def superresolve(
         if is_plain and settings.solver == Solver.FUSED:
             swift = swift_frame(
                 frame, settings, targets=targets, psf=psf, stop=stop, memory=memory,
-                is_held=effort.by_depth,
+                effort=effort if effort.by_depth else None,
             )  # fmt: skip
         if swift is not None:
             return swift

@@ -215,8 +215,10 @@ class Memory:
             touched, before = self.still[view_id].touched, self._missed.get(view_id)
             self._missed[view_id] = touched if before is None else touched | before
 
-    def can_land(self, frame: MultiViewFrame, targets: Sequence[str]) -> bool:
-        """Return whether what changes in a frame may land by its depth maps.
+    def can_land(
+        self, frame: MultiViewFrame, targets: Sequence[str], view_ids: Sequence[str]
+    ) -> bool:
+        """Return whether what changes in some views of a frame may land by their depth maps.
 
         That is so of a rig that stands still and whose depth has proved right.
         """
@@ -231,13 +233,15 @@ class Memory:
         return all(
             law is not None and law.spread < RIGHT and name in known
             for (_, name), law in self.laws().items()
+            if name in view_ids
         )
 
-    def land(self, frame: MultiViewFrame) -> None:
-        """Let what has changed in a frame land by its depth maps."""
+    def land(self, frame: MultiViewFrame, view_ids: Sequence[str]) -> None:
+        """Let what has changed in some views of a frame land by their depth maps."""
         previous, laws = self.previous, self.laws()
         assert previous is not None  # there are laws
-        views = {view.view_id: view for view in frame.views}
+        self.miss([view.view_id for view in frame.views if view.view_id not in view_ids])
+        views = {view.view_id: view for view in frame.views if view.view_id in view_ids}
         names = {name for (_, name), law in laws.items() if law is not None and name in views}
 
         def nearness_of(name: str) -> npt.NDArray[np.float32]:
@@ -265,7 +269,8 @@ class Memory:
             for target, ones in previous.registrations.items()
         }
         self.previous = replace(previous, registrations=registrations)
-        self._missed, self._has_landed = {}, True
+        self._missed = {name: mask for name, mask in self._missed.items() if name not in views}
+        self._has_landed = True
 
     def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
         """Take note of a frame that is not computed."""

@@ -76,7 +76,7 @@ def swift_frame(
     psf: Psf | None = None,
     stop: Callable[[], bool] | None = None,
     memory: Memory,
-    is_held: bool = False,
+    effort: Effort | None = None,
 ) -> FrameResult | None:
     """Do what :func:`superresolve` does for a frame of ``--temporal swift``.
 
@@ -87,30 +87,34 @@ def swift_frame(
 
     Parameters
     ----------
-    is_held : bool
-        Whether a rate is held: then one registered frame is enough, and none has its turn.
+    effort : Effort, optional
+        Where a rate is held: then one registered frame is enough, and none has its turn.
     """
-    if not is_held and (
+    if effort is None and (
         frame.frame_index % REGISTER_EVERY == 0 or memory.frames_stood <= max(AGAIN)
     ):
         return None
-    if not memory.can_land(frame, targets):
+    effort = effort or SWIFT
+    view_ids = tuple(view.view_id for view in frame.views)
+    near = nearest_views(view_ids, targets, effort.views)
+    if not memory.can_land(frame, targets, near):
         return None
+    names = looked_at(effort, view_ids, targets, frame.frame_index)
+    frame = replace(frame, views=tuple(frame.view(name) for name in names))
     set_threads(settings.threads)
     clock = Stages(stop)
     psf = psf or psf_of(settings)
-    view_ids = tuple(view.view_id for view in frame.views)
     with stoppable(stop):
         before = memory.seen
-        noise = memory.noise(frame, settings, view_ids)
+        noise = memory.noise(frame, settings, names)
         averaged = memory.averaged(frame, noise)
         shares = [memory.still[target].touched.mean() for target in targets]
         drifts = memory.drifts(frame, targets, noise)
         if memory.is_quieter or drifts or max(shares) > MUCH_CHANGED:
             memory.seen = before
             return None
-        memory.land(averaged)
-    return _made(averaged, settings, targets, view_ids, psf, noise, memory, SWIFT, clock, stop)
+        memory.land(averaged, near)
+    return _made(averaged, settings, targets, near, psf, noise, memory, effort, clock, stop)
 
 
 def _made(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pipeline.config import Settings
-from pipeline.effort import Effort, looked_at, nearest_views
+from pipeline.effort import SWIFT, Effort, depth_looked_at, looked_at, nearest_views
 from pipeline.errors import ConfigurationError
 from pipeline.metrics import psnr
 from pipeline.reconstruction.fused import initial_estimate
@@ -44,6 +44,16 @@ def _truth(number):
 
 def _score(result, number):
     return psnr(result.images[TARGETS[0]].luma, _truth(number), border=12)
+
+
+def test_depth_is_looked_at_of_the_views_that_need_it():
+    ids, targets = ("a", "b", "c", "d", "e", "f"), ("c", "d")
+    few = replace(SWIFT, views=4)
+    assert depth_looked_at(Effort(), ids, targets) == depth_looked_at(SWIFT, ids, targets) == ids
+    assert depth_looked_at(Effort(views=2), ids, targets) == ids, "all are registered"
+    assert depth_looked_at(few, ids, targets) == ("b", "c", "d", "e")
+    assert set(looked_at(few, ids, targets, 1)) > {"b", "c", "d", "e"}
+    assert depth_looked_at(Effort(register=False), ids, targets) == ()
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from pipeline.realtime import (
     AIM,
     CALM,
     COLD,
+    ENOUGH,
     FAR_TOO_MUCH,
     IN_VAIN,
     JUDGED,
@@ -61,10 +62,16 @@ def _watched(loads, *, first, count=60):
     return controller, choices
 
 
+def _parts(num_views=8):
+    """Return the work of the rungs and their reading, of a frame at full quality."""
+    rungs = ladder(num_views)
+    parts = [(rung.work(num_views), rung.reading(num_views)) for rung in rungs]
+    return [(work / sum(parts[0]), reading / sum(parts[0])) for work, reading in parts]
+
+
 def _works(num_views=8):
     """Return what the rungs cost of a frame at full quality."""
-    rungs = ladder(num_views)
-    return [rung.work(num_views) / rungs[0].work(num_views) for rung in rungs]
+    return [sum(both) for both in _parts(num_views)]
 
 
 class Clock:
@@ -167,19 +174,19 @@ def test_it_settles_however_wrong_the_work_of_the_rungs_is_estimated(factors, lo
 
 
 def _settled(load, beside, count, controller=None):
-    """Return the levels of frames in time whose rung decides on a part of their cost only.
+    """Return the levels of frames in time whose rung decides on work and reading only.
 
     Parameters
     ----------
     load, beside : float
         Shares of the budget: of what a rung decides on at full quality, and of the rest.
     """
-    controller, works, levels = controller or _controller(), _works(), []
+    controller, parts, levels = controller or _controller(), _parts(), []
     for _ in range(count):
         choice = controller.begin(0.0)
         levels.append(choice.level)
-        worked = load * works[choice.level] * BUDGET
-        controller.end(choice, worked + beside * BUDGET, worked)
+        worked, read = (load * part * BUDGET for part in parts[choice.level])
+        controller.end(choice, worked + read + beside * BUDGET, worked)
     return levels
 
 
@@ -243,6 +250,23 @@ def test_a_restless_frame_now_and_then_does_not_keep_quality_down():
     low = controller.level
     _run(controller, ([0.5 * BUDGET] * 9 + [0.95 * BUDGET]) * 6)
     assert controller.level < low
+
+
+@given(st.floats(0.76, 0.9))
+def test_quality_comes_back_where_the_rung_above_hardly_costs_more(cost):
+    """A frame that leaves little time is calm where more than that is not asked for."""
+    controller = _controller()
+    rungs = controller.rungs
+    level = len(rungs) - 2
+    above, here = _parts()[level - 1 : level + 1]
+    controller.level = level
+    worked = 0.3
+    needed = cost + worked * (sum(above) - sum(here)) / here[0]
+    for _ in range(2 * CALM):
+        choice = controller.begin(0.0)
+        is_up = choice.level < level
+        controller.end(choice, (needed if is_up else cost) * BUDGET, worked * BUDGET)
+    assert (controller.level < level) == (needed <= ENOUGH)
 
 
 @given(st.floats(0.1, 0.2), st.floats(0.35, 0.5))

@@ -13,6 +13,7 @@ import pytest
 
 from pipeline.baselines import bicubic
 from pipeline.config import Settings
+from pipeline.effort import FULL, SWIFT, Effort
 from pipeline.errors import ConfigurationError, Interrupted, OutputError, SceneError
 from pipeline.events import FrameFinished, JobFinished, JobStarted, SegmentFinished, Warned
 from pipeline.frames import MultiViewFrame, View
@@ -20,6 +21,7 @@ from pipeline.job import FrameRange, InputOptions, Job, OutputOptions, cut_segme
 from pipeline.media.source import MemorySource
 from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
 from pipeline.run import Tools, check_outputs, run_job
+from pipeline.segments import highest_at_hand
 from pipeline.sink import MemorySink
 from pipeline.stop import StopFlag
 from pipeline.workfolder import work_folder_of
@@ -558,9 +560,9 @@ def test_where_each_eye_is_made_alone_no_other_view_is_read(tmp_path):
     now = 0.0  # time passes in the worker alone
 
     class Watched(MemorySource):
-        def read(self, frame_index, *, only=None):
+        def read(self, frame_index, *, only=None, depth=()):
             read.append(only)
-            return super().read(frame_index, only=only)
+            return super().read(frame_index, only=only, depth=depth)
 
     class Slow(worker(enlarge)):
         def take(self, frame, *, effort, neighbours):
@@ -586,6 +588,29 @@ def test_where_each_eye_is_made_alone_no_other_view_is_read(tmp_path):
 
 
 @pytest.mark.parametrize("comes", [True, False])
+def test_depth_that_was_let_go_of_is_waited_for_on_the_rung_that_needs_less_of_it(comes):
+    source = MemorySource(_frames(2))
+    ids, targets = source.info.view_ids, ("cam0", "cam1")
+    few = dataclasses.replace(SWIFT, views=2)
+    efforts = [FULL, SWIFT, few, Effort(register=False, views=2), Effort(alone=True)]
+    asked = []
+
+    def approach(frame_index, *, depth=None):
+        asked.append(depth)
+        return comes or not depth
+
+    source.approach = approach
+
+    def rung(level, before):
+        return highest_at_hand(source, targets, 1, efforts, level, before)
+
+    assert rung(1, few) == (1 if comes else 2)
+    assert rung(2, SWIFT) == 2, "it is there"
+    assert rung(0, Effort(register=False)) == (0 if comes else 3)
+    assert {frozenset(depth) for depth in asked if depth} == {frozenset(ids), frozenset(targets)}
+
+
+@pytest.mark.parametrize("comes", [True, False])
 def test_views_that_were_let_go_are_waited_for_before_quality_goes_up(tmp_path, comes):
     """After a while that is busy: no video holds the stream up, and what is said is what was."""
     now = 0.0
@@ -594,14 +619,14 @@ def test_views_that_were_let_go_are_waited_for_before_quality_goes_up(tmp_path, 
     class Videos(MemorySource):
         """Its other views are there at once, or at a key frame every ten frames, or never."""
 
-        def read(self, frame_index, *, only=None):
+        def read(self, frame_index, *, only=None, depth=()):
             if only is not None and set(only) == {"cam0", "cam1"}:
                 let_go.add(frame_index)
             else:
                 assert frame_index - 1 not in let_go or (comes and frame_index % 10 == 0)
-            return super().read(frame_index, only=only)
+            return super().read(frame_index, only=only, depth=depth)
 
-        def approach(self, frame_index, *, depth=False):
+        def approach(self, frame_index, *, depth=None):
             return frame_index - 1 not in let_go or (comes and frame_index % 10 == 0)
 
     class Busy(worker(enlarge)):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.config import Settings
-from pipeline.effort import SWIFT, Effort
+from pipeline.effort import SWIFT, Effort, nearest_views
 from pipeline.errors import ConfigurationError
 from pipeline.metrics import psnr
 from pipeline.superresolve.restore import REGISTER_EVERY
@@ -115,6 +115,51 @@ def test_what_changed_while_motions_were_kept_lands_by_its_depth_afterwards():
     at_once, afterwards = found
     for target in TARGETS:
         assert psnr(at_once.images[target].luma, afterwards.images[target].luma) > 48
+
+
+def _mean_score(result, number):
+    truths = (
+        cv2.cvtColor(SCENE.render_hr(place, number / SCENE.fps), cv2.COLOR_RGB2GRAY)
+        for place in SCENE.reference_views
+    )
+    return np.mean(
+        [
+            psnr(result.images[target].luma, truth.astype(np.float32), border=8)
+            for target, truth in zip(TARGETS, truths, strict=True)
+        ]
+    )
+
+
+def test_of_the_nearest_views_alone_what_changes_is_better_by_depth_than_by_kept_motions():
+    frames = [SCENE.frame(number, noise_sigma=NOISE) for number in range(7)]
+    scores = []
+    few = replace(SWIFT, views=3, steps=3)
+    for effort in (SWIFT, few, replace(few, by_depth=False)):
+        worker = _worker("warm")
+        worker.take(frames[0])
+        results = [worker.take(frame, effort=effort) for frame in frames[1:]]
+        assert all(result.report.effort == effort for result in results)
+        scores.append([_mean_score(result, n) for n, result in enumerate(results, 1)])
+    of_all, of_few, kept = np.array(scores)
+    assert (of_few > of_all - 0.7).all()
+    assert (of_few > kept).all()
+
+
+def test_depth_is_asked_of_no_view_that_what_changes_is_not_made_of():
+    worker = _worker("warm")
+    worker.take(SCENE.frame(0, noise_sigma=NOISE))
+    effort = replace(SWIFT, views=3)
+    near = nearest_views(SCENE.view_ids, TARGETS, 3)
+    for number in range(1, 4):
+        frame = _with_views(
+            SCENE.frame(number, noise_sigma=NOISE),
+            lambda view: view if view.view_id in near else replace(view, depth_map=None),
+        )
+        assert worker.take(frame, effort=effort).report.effort == effort
+    whole = worker.take(SCENE.frame(4, noise_sigma=NOISE), effort=SWIFT)
+    assert _is_swift(whole), "the others land again"
+    cold = _worker("cold").take(SCENE.frame(4, noise_sigma=NOISE))
+    assert _mean_score(whole, 4) > _mean_score(cold, 4) - 0.05
 
 
 @pytest.mark.parametrize("lost", ["nothing is known", "cut"])
