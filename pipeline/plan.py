@@ -12,6 +12,7 @@ from pipeline.errors import ConfigurationError, OutputError
 from pipeline.grid import Grid
 from pipeline.job import InputOptions, Job, OutputOptions
 from pipeline.media.encode import takes_sound
+from pipeline.media.eye_files import LAYOUT as EYE_FILES
 from pipeline.media.files import check_folder_writable, check_writable
 from pipeline.media.info import SceneInfo, Sound
 from pipeline.media.png import png_path
@@ -37,6 +38,7 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
     grid = job.settings.grid
     hr_shape = grid.hr_shape(info.lr_shape)
     _check_psf(job.settings, hr_shape)
+    _check_folder(job, info)
     sound, warnings = _sound(job, info)
     if info.colorimetry.is_hdr:
         warnings += tuple(_lost_of_hdr(job.output, layout))
@@ -76,6 +78,15 @@ def _sound(job: Job, info: SceneInfo) -> tuple[Sound | None, tuple[str, ...]]:
         return sound, ()
     codec = sound_codec(info.sound)
     return sound, (f"{job.output.output}: a .{container} file takes no {codec} sound: it has none",)
+
+
+def _check_folder(job: Job, info: SceneInfo) -> None:
+    """Refuse pictures in a folder whose files are known by their names: they would be eyes, too."""
+    folder = job.output.frames_dir
+    if info.layout != EYE_FILES or folder is None or not (folder.is_dir() and job.scene.is_dir()):
+        return
+    if job.scene.samefile(folder):
+        raise OutputError(f"{folder}: is the scene, whose eyes could not be told from the pictures")
 
 
 def _lost_of_hdr(output: OutputOptions, layout: str) -> Iterator[str]:

@@ -33,7 +33,9 @@ LAYOUT = "eye-files"
 """What such a scene is called."""
 
 _OTHER = {"left": "right", "l": "r", "right": "left", "r": "l"}
-_NUMBERED = re.compile(r"(.*?)(\d+)(\.\w+)", re.DOTALL)
+_NUMBERED = re.compile(r"(.*?)(\d+)(\D*\.\w+)", re.DOTALL)
+"""What stands before the last number of a name, the number, and the rest."""
+_WORD = r"[^\W\d_]+"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,21 +57,22 @@ def eyes_in(folder: Path) -> SceneDescription | None:
     SceneError
         If there are several pairs.
     """
-    entries = sorted(folder.iterdir())
+    entries = _seen(folder)
     videos = [path.name for path in entries if _is_video(path)]
     pairs = [_of_videos(folder, pair) for pair in _pairs(videos)]
     rows = _rows(path.name for path in entries if _is_image(path))
     for path in entries:
         if path.is_dir() and _other_name(path.name) is not None:
-            within = list(_rows(file.name for file in path.iterdir() if _is_image(file)).values())
+            within = list(_rows(file.name for file in _seen(path) if _is_image(file)).values())
             if len(within) == 1:
                 pattern = f"{_escaped(path.name)}/{within[0].pattern}"
                 rows[path.name] = _Row(pattern=pattern, first=within[0].first)
     pairs += [_of_rows(folder, pair, rows) for pair in _pairs(rows)]
     if len(pairs) > 1:
+        told = [pair.notes[0] for pair in pairs[:2]] + ["…"] * (len(pairs) > 2)
         raise SceneError(
-            f"holds several pairs of eyes ({'; '.join(pair.notes[0] for pair in pairs)}); "
-            "name a file of one of them, or write a scene.json",
+            f"holds {len(pairs)} pairs of eyes ({'; '.join(told)}); name a video of one of them, "
+            "or write a scene.json",
             path=folder,
         )
     return pairs[0] if pairs else None
@@ -84,6 +87,11 @@ def eyes_beside(path: Path) -> SceneDescription | None:
     return _of_videos(path.absolute().parent.resolve(), pair)
 
 
+def _seen(folder: Path) -> list[Path]:
+    """Return what is in a folder but hidden files, such as the ``._NAME`` beside NAME of macOS."""
+    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+
+
 def _is_video(path: Path) -> bool:
     return path.suffix.lower() in VIDEO_SUFFIXES and path.is_file()
 
@@ -95,10 +103,10 @@ def _is_image(path: Path) -> bool:
 def _other_name(name: str) -> str | None:
     """Return the name with its one word for an eye turned round; None: it has none, or several.
 
-    >>> _other_name("shot 3_L.mov"), _other_name("Left-%04d.png"), _other_name("leftover.mov")
-    ('shot 3_R.mov', 'Right-%04d.png', None)
+    >>> _other_name("für 3_L.mov"), _other_name("Left-%04d.png"), _other_name("leftover.mov")
+    ('für 3_R.mov', 'Right-%04d.png', None)
     """
-    words = re.split(r"([A-Za-z]+)", name)
+    words = re.split(f"({_WORD})", name)
     places = [place for place, word in enumerate(words) if word.lower() in _OTHER]
     if len(places) != 1:
         return None
@@ -111,7 +119,7 @@ def _other_name(name: str) -> str | None:
 
 
 def _is_left(name: str) -> bool:
-    words = re.findall(r"[A-Za-z]+", name.lower())
+    words = re.findall(_WORD, name.lower())
     return "left" in words or "l" in words
 
 
@@ -150,25 +158,25 @@ def _escaped(name: str) -> str:
 
 
 def _of_videos(folder: Path, pair: tuple[str, str]) -> SceneDescription:
-    return _described(folder, pair, VideoFile(path=pair[0]), VideoFile(path=pair[1]))
+    return _described(folder, VideoFile(path=pair[0]), VideoFile(path=pair[1]), pair)
 
 
 def _of_rows(folder: Path, pair: tuple[str, str], rows: Mapping[str, _Row]) -> SceneDescription:
     left, right = rows[pair[0]], rows[pair[1]]
     if left.first != right.first:
         raise SceneError(
-            f"{pair[0]} begins with number {left.first}, {pair[1]} with {right.first}; "
+            f"{left.pattern} begins with {left.first}, {right.pattern} with {right.first}; "
             "a scene.json can name what belongs together",
             path=folder,
         )
     return _described(
-        folder, pair, ImageFiles(pattern=left.pattern), ImageFiles(pattern=right.pattern),
-        first_frame=left.first,
+        folder, ImageFiles(pattern=left.pattern), ImageFiles(pattern=right.pattern),
+        (left.pattern, right.pattern), first_frame=left.first,
     )  # fmt: skip
 
 
 def _described(
-    folder: Path, pair: tuple[str, str], left: Locator, right: Locator, first_frame: int = 0
+    folder: Path, left: Locator, right: Locator, names: tuple[str, str], first_frame: int = 0
 ) -> SceneDescription:
     return SceneDescription(
         root=folder,
@@ -181,5 +189,5 @@ def _described(
         right="right",
         first_frame=first_frame,
         layout=LAYOUT,
-        notes=(f"{pair[0]} is read as the left eye, {pair[1]} as the right one",),
+        notes=(f"{names[0]} is read as the left eye, {names[1]} as the right one",),
     )

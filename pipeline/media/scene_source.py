@@ -18,6 +18,7 @@ from pipeline.frames import DepthMap, MultiViewFrame, View
 from pipeline.media.colorimetry import Colorimetry
 from pipeline.media.depth_estimation import estimate_missing_depth
 from pipeline.media.depth_maps import camera_nearness, nearness_from_stored, resampled
+from pipeline.media.eye_files import LAYOUT as EYE_FILES
 from pipeline.media.info import SceneInfo
 from pipeline.media.readers import OpenVideos, PictureReader, open_reader
 from pipeline.media.scene import (
@@ -117,6 +118,8 @@ class SceneSource:
             if reader is not None
         ]
         wanted = self._description.frame_count
+        if wanted is None and self._description.layout == EYE_FILES:
+            return min(reader.num_frames for _, reader in readers)
         longest = max(reader.num_frames for _, reader in readers)
         for view_id, reader in readers:
             have = reader.num_frames
@@ -145,6 +148,10 @@ class SceneSource:
                     view=view.description.view_id,
                     frame=description.first_frame,
                 )
+        lengths = {view.description.view_id: view.color.num_frames for view in self._views}
+        if description.layout == EYE_FILES and max(lengths.values()) > count:
+            told = ", ".join(f"{view_id} {length}" for view_id, length in lengths.items())
+            notes.append(f"frames: {told}; the first {count}, which both eyes have, are read")
         has_depth = tuple(view.depth is not None for view in self._views)
         calibrated = [view.description.calibration is not None for view in self._views]
         if any(calibrated) and not all(calibrated):

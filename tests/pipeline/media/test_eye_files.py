@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.config import Settings
-from pipeline.errors import SceneError
+from pipeline.errors import OutputError, SceneError
 from pipeline.fingerprint import scene_files as files_of_job
 from pipeline.job import Job, OutputOptions
 from pipeline.media.encode import join_segments, write_segment
@@ -61,6 +61,7 @@ def is_luma_of(luma, picture) -> bool:
     [
         ("clip_left.mkv", "clip_right.mkv"), ("Shot 3_L.mkv", "Shot 3_R.mkv"),
         ("RIGHT.mkv", "LEFT.mkv"), ("l-eye.mkv", "r-eye.mkv"), ("100% Left.mkv", "100% Right.mkv"),
+        ("für l.mkv", "für r.mkv"),
     ],
 )  # fmt: skip
 def test_two_videos(tmp_path, left, right):
@@ -81,6 +82,7 @@ def test_two_videos(tmp_path, left, right):
     [
         ("left-{:04d}.png", "right-{:04d}.png", 7), ("L/shot_{:d}.png", "R/shot_{:d}.png", 9),
         ("left/a{:03d}.png", "right/b{:03d}.png", 0), ("100%_L_{:02d}.png", "100%_R_{:02d}.png", 1),
+        ("{:04d}_L.png", "{:04d}_R.png", 1), ("shot 3 {:d} left.png", "shot 3 {:d} right.png", 8),
     ],
 )  # fmt: skip
 def test_two_rows_of_images(tmp_path, left, right, first):
@@ -115,13 +117,15 @@ def test_what_a_job_wrote_as_pictures_is_a_scene(tmp_path):
 def test_several_pairs_are_asked_about(tmp_path):
     for name in ("a_left", "a_right", "b_left", "b_right"):
         write_video(tmp_path / f"{name}.mkv", 1)
-    with pytest.raises(SceneError, match="several pairs"):
+    with pytest.raises(SceneError, match=r"2 pairs of eyes \(a_left\.mkv is read as"):
         describe_path(tmp_path)
     description = describe_path(tmp_path / "b_right.mkv")
     assert [view.color.path for view in description.views] == ["b_left.mkv", "b_right.mkv"]
 
 
-@pytest.mark.parametrize("name", ["leftover.mkv", "left_right.mkv", "lEFT.mkv", "clip.mkv"])
+@pytest.mark.parametrize(
+    "name", ["leftover.mkv", "left_right.mkv", "lEFT.mkv", "clip.mkv", "gefüleft.mkv"]
+)
 def test_other_names_are_no_eyes(tmp_path, name):
     write_video(tmp_path / name, 1)
     for other in {name.lower().replace("left", "right")} - {name}:
@@ -140,7 +144,7 @@ def test_a_row_with_a_gap_is_none_and_rows_that_begin_elsewhere_are_told(tmp_pat
     (tmp_path / "left-4.png").rename(tmp_path / "left-3.png")
     (tmp_path / "right-4.png").rename(tmp_path / "right-3.png")
     (tmp_path / "left-1.png").unlink()
-    with pytest.raises(SceneError, match=r"begins with number 2, right-\.png with 1"):
+    with pytest.raises(SceneError, match=r"left-%01d\.png begins with 2, right-%01d\.png with 1"):
         describe_path(tmp_path)
 
 
@@ -162,3 +166,34 @@ def test_a_resumed_run_sees_a_change_of_either_eye(tmp_path):
     before = files_of_job(job)
     write_video(tmp_path / "clip_R.mkv", 3)
     assert files_of_job(job) != before
+
+
+def test_hidden_files_are_not_looked_at(tmp_path):
+    """As macOS lays one beside each file on disks of others."""
+    for folder in ("L", "R"):
+        (tmp_path / folder).mkdir()
+        write_png(tmp_path / folder / "1.png", texture(1))
+        (tmp_path / folder / "._1.png").write_bytes(b"fork")
+    for name in ("._left.png", "._right.png", "._clip_L.mov", "._clip_R.mov"):
+        (tmp_path / name).write_bytes(b"fork")
+    assert shown(tmp_path)[0] == [1]
+
+
+@pytest.mark.parametrize("longer", ["left", "right"])
+def test_of_eyes_that_differ_in_length_what_both_have_is_read_and_said(tmp_path, longer):
+    for name in ("left", "right"):
+        for number in range(3 if name == longer else 2):
+            write_png(tmp_path / f"{name}-{number}.png", texture(number))
+    with open_scene(tmp_path) as source:
+        assert list(source.info.frame_indices) == [0, 1]
+        assert any("the first 2, which both eyes have" in text for text in source.info.warnings)
+
+
+def test_pictures_are_not_written_among_eyes(tmp_path):
+    """Where a resumed run would take them for a second pair."""
+    write_video(tmp_path / "clip_L.mkv", 1)
+    write_video(tmp_path / "clip_R.mkv", 2)
+    job = Job(scene=tmp_path, settings=Settings(), output=OutputOptions(frames_dir=tmp_path))
+    with pytest.raises(OutputError, match="could not be told"):
+        run_job(job)
+    assert len(list(tmp_path.glob("*.png"))) == 0
