@@ -12,6 +12,7 @@ import hypothesis
 import pytest
 
 from pipeline.numba_cache import prepare_numba_cache
+from tests.support.browser import PATIENCE_MS
 from tests.support.needed import absent, program
 
 prepare_numba_cache()  # before anything imports numba
@@ -82,7 +83,9 @@ def chromium() -> Iterator[Any]:
 
     path = program("chromium")
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=list(CHROMIUM_OPTIONS))
+        browser = driver.chromium.launch(
+            executable_path=path, args=list(CHROMIUM_OPTIONS), timeout=PATIENCE_MS
+        )
         yield browser
         browser.close()
 

@@ -6,8 +6,10 @@ import contextlib
 from collections.abc import Iterator
 from typing import Any
 
-PATIENCE_MS = 120_000
-"""How long a loaded machine may take for what takes a second."""
+from tests.support.waiting import PATIENCE
+
+PATIENCE_MS = round(1000 * PATIENCE)
+"""The same for what a browser shall have done."""
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ from service.bus.bus import JPEG, JSON, Answer, Bus, BusError
 from service.bus.config import BusConfig
 from service.bus.memory import MemoryNetwork
 from service.bus.zenoh_bus import ZenohBus
-from tests.support.waiting import until
+from tests.support.waiting import PATIENCE, until
 
 
 @pytest.fixture(params=["memory", "zenoh"])
@@ -100,9 +100,9 @@ def test_questions_are_answered_by_everybody_they_meet(buses):
     assert list(one.ask("depthsr/a/info")) == []
     two.answer("depthsr/a/info", answer)
     until(lambda: one.ask("depthsr/a/info"))
-    (found,) = one.ask("depthsr/a/info?limit=3;b=c")
+    (found,) = one.ask("depthsr/a/info?limit=3;b=c", timeout=PATIENCE)
     assert (found.read(), found.encoding, found.attachment) == (b"limit=3;b=c", JSON, b"x")
-    assert len(one.ask("depthsr/*/info")) == 1
+    assert len(one.ask("depthsr/*/info", timeout=PATIENCE)) == 1
     assert list(one.ask("depthsr/b/info")) == []
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import json
 import re
 import socket
@@ -14,9 +15,9 @@ import httpx
 import numpy as np
 import pytest
 import uvicorn
-from websockets.asyncio.client import connect as open_socket
+import websockets.asyncio.client
+import websockets.sync.client
 from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
 
 from pipeline.media.jpeg import encode_jpeg
 from pipeline.media.live_encode import LiveEncoder
@@ -28,6 +29,9 @@ from service.live.job_watch import JobWatch
 from service.live.track import TrackInfo, TrackWriter
 from tests.service.http.test_api import follow, is_problem
 from tests.support.waiting import PATIENCE, until
+
+connect = functools.partial(websockets.sync.client.connect, open_timeout=PATIENCE)
+open_socket = functools.partial(websockets.asyncio.client.connect, open_timeout=PATIENCE)
 
 FPS = Fraction(15)
 TOKENS = """
