@@ -17,7 +17,7 @@ from service.config import ServiceConfig
 from tests.service.http.test_api import follow
 from tests.service.http.test_watch import OnAir
 from tests.support.browser import PATIENCE_MS
-from tests.support.waiting import PATIENCE
+from tests.support.waiting import PATIENCE, until
 
 FRAMES = 24
 SOUGHT = 17
@@ -226,6 +226,7 @@ def test_the_live_edge_plays_to_the_end(chromium, tmp_path):
         station.feed(3)
         with opened(chromium, f"http://{station.address}/watch/streams/room") as page:
             _until(page, "window.depthsrWatch.numbers().way === 'live'")
+            until(lambda: station.broadcast.viewers)  # who comes late begins at a later key frame
             for number in range(90):  # at its pace, but never so far ahead that the page jumps
                 station.feed(1)
                 page.wait_for_timeout(1000 / 15)
