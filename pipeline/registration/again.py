@@ -47,6 +47,12 @@ from pipeline.registration.windows import (
 PASSES = (Pass(level=0, iterations=2, stride=2), Pass(level=0, iterations=1))
 """Where a fit is started from the rig's own motion, it is soon there."""
 
+QUIET = 1.0
+"""Noise below which it pays to go on, grey levels, …"""
+
+QUIET_PASSES = (Pass(level=0, iterations=3), Pass(level=0, iterations=3))
+"""… by so much."""
+
 CHANGE_BOX = 5
 """Side of the box over which the difference of two frames is judged, LR pixels."""
 
@@ -151,8 +157,8 @@ def register_again(
     start[fitted, motions.OFFSET] = prior.offset_mean
     directions[fitted] = motions.parallax_directions(some, parallax)
     fit, samples = fit_windows(
-        source, reference, windows_of(merged), start, PASSES, prior, directions, noise=noise,
-        min_support=MIN_SUPPORT, before=(merged, fitted),
+        source, reference, windows_of(merged), start, QUIET_PASSES if noise < QUIET else PASSES,
+        prior, directions, noise=noise, min_support=MIN_SUPPORT, before=(merged, fitted),
     )  # fmt: skip
     return Again(
         fit=WindowFit(fitted=fit, parallax=parallax, prior=prior, samples=samples),

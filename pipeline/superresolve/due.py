@@ -21,6 +21,10 @@ WARM = FusedTuning(alone=0.0, together=4)
 NEW = FusedTuning(alone=0.0, together=14, settled=0.08)
 """The same where the previous frame does not show it."""
 
+QUIET = 1.0
+"""Noise below which that takes as many steps as a cold start, grey levels: there is more to find,
+and what of the reference alone has not been found yet passes for disagreement of the others."""
+
 MOVED = FusedTuning(
     together=9, hold=4.2, prior_strength=0.14, prior_noise_powers=(1.75, 1.75),
     prior_psf_powers=(-1.0, -1.35), data_share=0.015,
@@ -62,6 +66,7 @@ def parts_due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due
         return None
     changed = still.touched
     near = frame.near if len(frame.near) < len(frame.registrations[target]) else None
+    new = as_cold_where_quiet(NEW, frame.noise)
     due = [Due(wanted=changed, noise=frame.noise, tuning=WARM)]
     if due[0].share > MOSTLY_CHANGED:
         return None
@@ -72,7 +77,7 @@ def parts_due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due
             with_unseen[box] = changed[box]
     due = [
         Due(wanted=part, noise=frame.noise, tuning=tuning, views=near)
-        for part, tuning in ((changed & ~with_unseen, WARM), (with_unseen, NEW))
+        for part, tuning in ((changed & ~with_unseen, WARM), (with_unseen, new))
         if part.any()
     ]
     again = ~changed
@@ -86,9 +91,14 @@ def parts_due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due
         for part, tuning in ((again & ~alone, STILL), (alone, WARM))
         if part.any()
     ]
-    if sum(part.share * part.tuning.together for part in due) > NEW.together:
-        return [Due(wanted=np.ones_like(changed), noise=frame.noise, tuning=NEW, views=near)]
+    if sum(part.share * part.tuning.together for part in due) > new.together:
+        return [Due(wanted=np.ones_like(changed), noise=frame.noise, tuning=new, views=near)]
     return due
+
+
+def as_cold_where_quiet(tuning: FusedTuning, noise: float) -> FusedTuning:
+    """Return the work on what the previous frame does not show, at a noise in grey levels."""
+    return tuning if noise >= QUIET else FusedTuning()
 
 
 def in_turn(wanted: Mask, every: int, frame_index: int) -> Mask:

@@ -15,7 +15,14 @@ from pipeline.registration.again import AGAIN
 from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
 from pipeline.superresolve.account import report_restored
 from pipeline.superresolve.choices import chosen_filters, default_residual_threshold, psf_of
-from pipeline.superresolve.due import MOSTLY_CHANGED, NEW, STILL, WARM, in_turn
+from pipeline.superresolve.due import (
+    MOSTLY_CHANGED,
+    NEW,
+    STILL,
+    WARM,
+    as_cold_where_quiet,
+    in_turn,
+)
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import colour_of
 from pipeline.superresolve.stages import Stages
@@ -148,7 +155,7 @@ def _made(
                     Due(
                         wanted=still.touched,
                         noise=noise,
-                        tuning=CHANGED if effort.by_depth else WARM,
+                        tuning=as_cold_where_quiet(CHANGED, noise) if effort.by_depth else WARM,
                         views=near,
                     )
                 )

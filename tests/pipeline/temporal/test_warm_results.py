@@ -84,6 +84,27 @@ def test_both_eyes_are_as_good_as_cold_in_every_frame(frames):
             assert scores[0] > scores[1] - 0.05
 
 
+@pytest.mark.parametrize("temporal", ["swift", "warm"])
+def test_without_noise_both_eyes_are_as_good_as_cold_in_every_frame(temporal):
+    """There is nothing to average: what moves is found as thoroughly as in a cold frame."""
+    scene = replace(SCENE, width=192, height=144)
+    warm, cold = (
+        Worker(replace(_settings(kind), noise_sigma=0.0), targets=TARGETS)
+        for kind in (temporal, "cold")
+    )
+    for number in range(9):
+        frame = scene.frame(number)
+        ours = warm.take(frame)
+        if number < 5:
+            continue
+        other = cold.take(frame)
+        for target, place in zip(TARGETS, scene.reference_views, strict=True):
+            picture = scene.render_hr(place, number / scene.fps)
+            truth = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+            scores = [psnr(one.images[target].luma, truth, border=8) for one in (ours, other)]
+            assert scores[0] > scores[1] - 0.05, number
+
+
 def test_what_stands_still_is_better_than_cold_and_what_moves_no_worse(frames):
     """The mean of several frames has less noise than one."""
     ours, other = _both(frames, 3)
