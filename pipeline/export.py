@@ -14,7 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import OutputError
-from pipeline.events import Event, FrameFinished, JobFinished, JobStarted, Joining, SegmentFinished
+from pipeline.events import (
+    Event,
+    FrameFinished,
+    JobFinished,
+    JobStarted,
+    Joining,
+    SegmentFinished,
+    Warned,
+)
 from pipeline.job import OutputOptions, Segment, cut_segments
 from pipeline.media.colorimetry import Colorimetry
 from pipeline.media.decode import VideoReader
@@ -24,6 +32,7 @@ from pipeline.media.info import Sound
 from pipeline.media.png import png_path, write_png
 from pipeline.media.sound import sound_codec
 from pipeline.media.video_format import VideoCodec, VideoFormat
+from pipeline.plan import lost_of_hdr
 from pipeline.stereo import StereoLayout, unpack
 from pipeline.stop import StopFlag
 from pipeline.workfolder import WorkFolder, work_folder_of
@@ -75,6 +84,9 @@ def export(
     assert anchor is not None  # OutputOptions has seen to it
     with contextlib.closing(VideoReader(master.path)) as reader:
         video_format = _video_format(master, output, reader.colorimetry)
+        if reader.colorimetry.is_hdr:
+            for text in lost_of_hdr(output, output.layout):
+                on_event(Warned(text=text))
         frames = range(master.first_frame, master.first_frame + reader.num_frames)
         segments = cut_segments(frames, output.segment_length)
         with WorkFolder(work_folder_of(anchor), _fingerprint(output), resume=True) as folder:

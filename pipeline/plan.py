@@ -41,7 +41,7 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
     _check_folder(job, info)
     sound, warnings = _sound(job, info)
     if info.colorimetry.is_hdr:
-        warnings += tuple(_lost_of_hdr(job.output, layout))
+        warnings += tuple(lost_of_hdr(job.output, layout))
     return OutputPlan(
         options=replace(job.output, layout=layout),
         targets=targets,
@@ -89,7 +89,7 @@ def _check_folder(job: Job, info: SceneInfo) -> None:
         raise OutputError(f"{folder}: is the scene, whose eyes could not be told from the pictures")
 
 
-def _lost_of_hdr(output: OutputOptions, layout: str) -> Iterator[str]:
+def lost_of_hdr(output: OutputOptions, layout: str) -> Iterator[str]:
     """Yield what does not come out right of high dynamic range."""
     if layout == StereoLayout.ANAGLYPH:
         yield "anaglyph mixes the eyes as if they were of ordinary range, not of high dynamic range"

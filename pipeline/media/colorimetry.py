@@ -23,7 +23,7 @@ TRANSFERS = {
 """Names of the transfer characteristics (H.273, table 3), likewise."""
 
 BT709, BT2020 = 1, 9
-PQ, HLG = 16, 18
+HDR = PQ, HLG = 16, 18
 """Transfers of high dynamic range (ITU-R BT.2100)."""
 
 Chromaticity = tuple[Fraction, Fraction]
@@ -96,4 +96,4 @@ class Colorimetry:
     @property
     def is_hdr(self) -> bool:
         """Whether the transfer is one of high dynamic range."""
-        return self.transfer in (PQ, HLG)
+        return self.transfer in HDR

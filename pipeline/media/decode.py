@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from pipeline.colour import Picture, picture_from_rgb
 from pipeline.errors import SceneError
-from pipeline.media.colorimetry import Colorimetry, LightLevel, MasteringDisplay
+from pipeline.media.colorimetry import HDR, Colorimetry, LightLevel, MasteringDisplay
 from pipeline.media.ycbcr import YcbcrMatrix, matrix_for
 from pipeline.media.yuv import (
     PlanarFormat,
@@ -106,7 +106,8 @@ class VideoReader:
 
     def _open(self) -> av.container.InputContainer:
         try:
-            container = av.open(str(self.path))
+            # titles and the like, which nobody reads, may be of any encoding
+            container = av.open(str(self.path), metadata_errors="replace")
         except FileNotFoundError as error:
             raise SceneError("the file is missing", path=self.path) from error
         except (av.error.FFmpegError, OSError, ValueError) as error:
@@ -275,6 +276,9 @@ class VideoReader:
             raise SceneError(
                 f"changes its size to {frame.width}×{frame.height}", path=self.path, frame=index
             )
+        if (int(frame.color_trc) in HDR) != self.colorimetry.is_hdr:
+            kind = "ordinary" if self.colorimetry.is_hdr else "high"
+            raise SceneError(f"changes to {kind} dynamic range", path=self.path, frame=index)
         return frame
 
     def _first_needed(self, index: int) -> int:

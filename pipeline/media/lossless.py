@@ -165,7 +165,7 @@ def _rgb(frame: av.VideoFrame, path: Path) -> RgbImage:
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), metadata_errors="replace")
     except (av.error.FFmpegError, OSError) as error:
         raise SceneError(f"cannot be opened as a video: {error.strerror}", path=path) from error
     try:

@@ -18,7 +18,7 @@ from pipeline.media.info import Sound
 
 def sound_codec(path: Path) -> str | None:
     """Return how the first sound of a video file, which was opened before, is coded, if any."""
-    with av.open(str(path)) as container:
+    with av.open(str(path), metadata_errors="replace") as container:
         if not container.streams.audio:
             return None
         context = container.streams.audio[0].codec_context
@@ -37,7 +37,7 @@ def holds_sound(muxer: str, options: dict[str, str], path: Path) -> bool:
     path : Path
         A video file with sound.
     """
-    with av.open(str(path)) as source:
+    with av.open(str(path), metadata_errors="replace") as source:
         # what only some versions of a muxer take is known when the head is written
         try:
             with av.open(io.BytesIO(), "w", format=muxer, options=options) as trial:
@@ -69,7 +69,7 @@ class SoundCopy:
         self._sound = sound
         self._output = output
         with self._errors():
-            self._source = av.open(str(sound.path))
+            self._source = av.open(str(sound.path), metadata_errors="replace")
         picture = self._source.streams.video[0]
         started = Fraction((picture.start_time or 0) * (picture.time_base or 1))
         self._zero = started + sound.begin

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import struct
 import subprocess
@@ -159,6 +161,35 @@ def test_what_does_not_come_out_right_of_high_dynamic_range_is_said(tmp_path):
     output = OutputOptions(output=tmp_path / "out.webm", layout="anaglyph")
     told = warnings_of(Job(scene=film, settings=Settings(), output=output))
     assert sum("8 bits" in text or "anaglyph" in text for text in told) == 2
+
+
+def test_what_does_not_come_out_right_in_an_export_is_said_too(tmp_path):
+    film = write_film(tmp_path / "film.mkv", VideoCodec.FFV1)
+    master = Master(path=film, fps=Fraction(24), first_frame=0, layout=StereoLayout.SBS)
+    events = []
+    export(master, OutputOptions(output=tmp_path / "out.webm"), on_event=events.append)
+    (told,) = [event.text for event in events if isinstance(event, Warned)]
+    assert "8 bits" in told
+
+
+def test_video_that_changes_its_dynamic_range_is_refused_there(tmp_path):
+    film = tmp_path / "film.h264"
+    with film.open("wb") as file:
+        for transfer in (1, PQ):
+            part = io.BytesIO()
+            with av.open(part, "w", format="h264") as container:
+                stream = container.add_stream("libx264", rate=24, options={"bf": "0"})
+                stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+                stream.codec_context.color_trc = transfer
+                grey = np.full((72, 64), 90, np.uint8)
+                for _ in range(2):
+                    container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, "yuv420p")))
+                container.mux(stream.encode(None))
+            file.write(part.getvalue())
+    with contextlib.closing(VideoReader(film)) as reader:
+        reader.picture(1)
+        with pytest.raises(SceneError, match=r"frame 2: .*changes to high dynamic range"):
+            reader.picture(2)
 
 
 def test_probe_says_it(tmp_path):

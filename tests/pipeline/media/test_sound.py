@@ -147,6 +147,17 @@ def test_sound_that_is_gone_is_named(tmp_path):
     assert not out.exists()
 
 
+def test_titles_that_are_no_utf_8_do_no_harm(tmp_path):
+    film = write_film(tmp_path / "film.avi", "pcm_s16le", frames=2)
+    film.write_bytes(film.read_bytes().replace(b"Lavf", b"L\xe4vf"))
+    job = Job(
+        scene=film, settings=Settings(psf_sigma=1.0), input=InputOptions(input_layout="sbs"),
+        output=OutputOptions(output=tmp_path / "out.mkv"),
+    )  # fmt: skip
+    run_job(job)
+    assert not is_silent(tmp_path / "out.mkv")
+
+
 def test_the_sound_of_a_scene_is_that_of_its_left_eye(tmp_path):
     write_film(tmp_path / "a.mkv", "aac", frames=2)
     write_film(tmp_path / "b.mkv", "aac", frames=2)
