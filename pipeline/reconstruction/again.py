@@ -3,32 +3,40 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.frames import Mask, RegisteredView
+from pipeline.frames import GreyImage, Mask, RegisteredView
 from pipeline.grid import Grid
 from pipeline.reconstruction.fused import (
     FusedResult,
     FusedTuning,
+    finished,
     fuse,
     left_over,
     some_landing_points,
 )
+from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.parts import (
     Box,
     CutViews,
     covering_boxes,
     cut_views,
+    landing_in,
     on_hr_grid,
     put_back,
+    put_pixels,
     widened,
     within,
 )
 from pipeline.reconstruction.psf import Psf, sampling_taps
-from pipeline.reconstruction.system import HrImage
+from pipeline.reconstruction.system import NOTHING, NUM_BANDS, HrImage
+from pipeline.threads import map_threads
+
+BAND_PIXELS = 40_000
+"""Of a box, for each band of rows that it is divided into, LR pixels."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,19 +79,16 @@ class Piece:
     grid: Grid
     cut: CutViews
     solved: FusedResult
+    shown: HrImage
+    """What was solved, finished and clipped, where that was asked for."""
 
     def put_into(self, image: HrImage, part: HrImage) -> None:
         """Write of what was solved, or made of that, the pixels that are due, in place."""
-        down, across = self.grid.magnification_y, self.grid.magnification_x
-        np.copyto(
-            image[on_hr_grid(self.box, self.grid)],
-            part[on_hr_grid(self.inner, self.grid)],
-            where=self.wanted.repeat(down, 0).repeat(across, 1),
-        )
+        put_pixels(image, part[on_hr_grid(self.inner, self.grid)], self.wanted, self.box, self.grid)
 
 
 def pieces_of(
-    part: Due,
+    due: Sequence[Due],
     registered: Sequence[RegisteredView],
     grid: Grid,
     psf: Psf,
@@ -91,23 +96,51 @@ def pieces_of(
     *,
     residual_threshold: float,
     most_steps: int | None = None,
+    is_shown: bool = False,
+    learned: LearnedFilters | None = None,
+    offsets: Sequence[GreyImage] | None = None,
     stop: Callable[[], bool] | None = None,
-) -> Iterator[Piece]:
-    """Yield the boxes of a part, solved; parameters are those of :func:`fuse_again`."""
-    used = [view for view in registered if part.views is None or view.view_id in part.views]
-    wides = [widened(box, part.wanted.shape) for box in part.boxes]
-    for box, wide, cut in zip(part.boxes, wides, cut_views(used, wides), strict=True):
+) -> list[Piece]:
+    """Return the boxes of what is due, solved side by side; others are those of :func:`fuse_again`.
+
+    Small ones are not divided further: a band computes rows of its neighbours, too.
+
+    Parameters
+    ----------
+    is_shown : bool
+        Whether they are to be finished, by the ``learned`` filters if there are any.
+    offsets : sequence of (H, W) float32, optional
+        What is taken off the pixels observed of each view registered, grey levels.
+    """
+    items = [(part, box, widened(box, part.wanted.shape)) for part in due for box in part.boxes]
+    taken = [NOTHING] * len(registered) if offsets is None else offsets
+
+    def solve(item: tuple[tuple[Due, Box, Box], Sequence[Box]]) -> Piece:
+        (part, box, wide), places = item
+        cut = cut_views(
+            [
+                (view, offset, place)
+                for view, offset, place in zip(registered, taken, places, strict=True)
+                if part.views is None or view.view_id in part.views
+            ],
+            wide, grid,
+        )  # fmt: skip
         height, width = (side.stop - side.start for side in wide)
         solved = fuse(
             cut.views, grid, (height, width), psf, noise=part.noise,
             residual_threshold=residual_threshold, tuning=part.tuning,
             start=np.ascontiguousarray(start[on_hr_grid(wide, grid)]),
-            most_steps=most_steps, judged=False, stop=stop,
+            most_steps=most_steps, judged=False, points=cut.points,
+            most_bands=max(1, min(NUM_BANDS, height * width // BAND_PIXELS)), stop=stop,
         )  # fmt: skip
-        yield Piece(
+        return Piece(
             box=box, wanted=part.wanted[box], inner=within(box, wide), grid=grid, cut=cut,
             solved=solved,
+            shown=np.clip(finished(solved, learned), 0.0, 255.0) if is_shown else NOTHING,
         )  # fmt: skip
+
+    places = landing_in(registered, [wide for _, _, wide in items])
+    return map_threads(solve, zip(items, places, strict=True))
 
 
 def fuse_again(
@@ -140,24 +173,23 @@ def fuse_again(
     flags = tuple(array.copy() for array in before.flags)
     names = [view.view_id for view in registered]
     work, stop_reason = 0, before.stop_reason
-    for part in due:
-        for piece in pieces_of(
-            part, registered, grid, psf, start,
-            residual_threshold=residual_threshold, most_steps=most_steps, stop=stop,
+    for piece in pieces_of(
+        due, registered, grid, psf, start,
+        residual_threshold=residual_threshold, most_steps=most_steps, stop=stop,
+    ):  # fmt: skip
+        work += piece.solved.iterations * piece.solved.estimate.size
+        stop_reason = piece.solved.stop_reason
+        piece.put_into(estimate, piece.solved.estimate)
+        piece.put_into(density, piece.solved.density)
+        for view, place, weight, flag in zip(
+            piece.cut.views, piece.cut.places, piece.solved.weights, piece.solved.flags,
+            strict=True,
         ):  # fmt: skip
-            work += piece.solved.iterations * piece.solved.estimate.size
-            stop_reason = piece.solved.stop_reason
-            piece.put_into(estimate, piece.solved.estimate)
-            piece.put_into(density, piece.solved.density)
-            for view, place, weight, flag in zip(
-                piece.cut.views, piece.cut.places, piece.solved.weights, piece.solved.flags,
-                strict=True,
-            ):  # fmt: skip
-                index = names.index(view.view_id)
-                put_back(
-                    (weight, flag), (weights[index], flags[index]), place,
-                    registered[index].position, piece.box,
-                )  # fmt: skip
+            index = names.index(view.view_id)
+            put_back(
+                (weight, flag), (weights[index], flags[index]), place,
+                registered[index].position, piece.box,
+            )  # fmt: skip
     points = [some_landing_points(view, grid) for view in registered]
     misfit, misfits = left_over(
         estimate, sampling_taps(psf, grid), points, registered, flags, weights

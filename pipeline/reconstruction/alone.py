@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.frames import Mask, RegisteredView
+from pipeline.frames import GreyImage, Mask, RegisteredView
 from pipeline.grid import Grid
 from pipeline.reconstruction.again import Due, pieces_of
-from pipeline.reconstruction.fused import estimate_alone, finished
+from pipeline.reconstruction.fused import estimate_alone, parts_alone
 from pipeline.reconstruction.learned import LearnedFilters
+from pipeline.reconstruction.parts import covering_boxes, put_pixels
 from pipeline.reconstruction.psf import Psf
 from pipeline.reconstruction.system import HrImage
 from pipeline.temporal.still import Still
@@ -43,6 +44,8 @@ def restored(
 ) -> Restored:
     """Return a view restored where it has changed, or where its pixels are worth twice as much.
 
+    The estimate is that of ``before``, written over.
+
     Parameters
     ----------
     still : Still
@@ -57,11 +60,12 @@ def restored(
         estimate = estimate_alone(mean, grid, psf, noise, learned)
         return Restored(estimate=estimate, shown=np.clip(estimate, 0.0, 255.0), frames=count.copy())
     wanted = still.touched | (count >= 2 * before.frames)
-    alone = estimate_alone(mean, grid, psf, noise, learned, wanted)
-    estimate, shown, frames = before.estimate.copy(), before.shown.copy(), before.frames.copy()
-    fine = wanted.repeat(grid.magnification_y, 0).repeat(grid.magnification_x, 1)
-    np.copyto(estimate, alone, where=fine)
-    np.copyto(shown, np.clip(alone, 0.0, 255.0, out=alone), where=fine)
+    boxes = covering_boxes(wanted)
+    estimate, shown, frames = before.estimate, before.shown.copy(), before.frames.copy()
+    parts = parts_alone(mean, grid, psf, noise, learned, boxes)
+    for box, part in zip(boxes, parts, strict=True):
+        put_pixels(estimate, part, wanted[box], box, grid)
+        put_pixels(shown, np.clip(part, 0.0, 255.0), wanted[box], box, grid)
     np.copyto(frames, count, where=wanted)
     return Restored(estimate=estimate, shown=shown, frames=frames)
 
@@ -75,6 +79,7 @@ def refreshed(
     learned: LearnedFilters | None,
     *,
     residual_threshold: float,
+    offsets: Sequence[GreyImage] | None = None,
     most_steps: int | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Restored:
@@ -86,15 +91,17 @@ def refreshed(
         Disjoint parts.
     registered : sequence of RegisteredView
         All views, itself among them.
+    offsets : sequence of (H, W) float32, optional
+        What is taken off the pixels observed of each, grey levels.
     """
     again = np.zeros(made.frames.shape, np.bool_)
+    for piece in pieces_of(
+        due, registered, grid, psf, made.estimate, is_shown=True, learned=learned,
+        offsets=offsets, residual_threshold=residual_threshold, most_steps=most_steps, stop=stop,
+    ):  # fmt: skip
+        piece.put_into(made.estimate, piece.solved.estimate)
+        piece.put_into(made.shown, piece.shown)
     for part in due:
-        for piece in pieces_of(
-            part, registered, grid, psf, made.estimate,
-            residual_threshold=residual_threshold, most_steps=most_steps, stop=stop,
-        ):  # fmt: skip
-            piece.put_into(made.estimate, piece.solved.estimate)
-            piece.put_into(made.shown, np.clip(finished(piece.solved, learned), 0.0, 255.0))
         again |= part.wanted
     np.copyto(made.frames, np.float32(np.inf), where=again)
     return replace(made, again=again)

@@ -16,7 +16,7 @@ noise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -34,6 +34,7 @@ from pipeline.reconstruction.realign import realigned
 from pipeline.reconstruction.restoration import Restoration, bicubic_filter, restoration_of
 from pipeline.reconstruction.system import (
     DATA_SHARE,
+    NUM_BANDS,
     HrImage,
     NormalEquations,
     sample,
@@ -178,16 +179,33 @@ def estimate_alone(
         LR pixels that are needed; what lies far from them is left zero.
     """
     height, width = reference.shape
-    restoration = restoration_of(reference, grid, psf, max(noise, SMALLEST_NOISE))
     out = np.zeros(grid.hr_shape((height, width)), np.float32)
     boxes = [(slice(0, height), slice(0, width))] if wanted is None else covering_boxes(wanted)
+    for box, part in zip(
+        boxes, parts_alone(reference, grid, psf, noise, learned, boxes), strict=True
+    ):
+        out[on_hr_grid(box, grid)] = part
+    return out
+
+
+def parts_alone(
+    reference: GreyImage,
+    grid: Grid,
+    psf: Psf,
+    noise: float,
+    learned: LearnedFilters | None,
+    boxes: Sequence[Box],
+) -> Iterator[HrImage]:
+    """Yield boxes of LR pixels of what :func:`estimate_alone` returns, on the HR grid."""
+    restoration = restoration_of(reference, grid, psf, max(noise, SMALLEST_NOISE))
+    reach = 0 if learned is None else -(-REACH // min(grid.magnification_x, grid.magnification_y))
     for box in boxes:
-        wide = widened(box, reference.shape, restoration.reach + REACH)
-        estimate = restoration.apply(reference[wide], grid)
+        near = widened(box, reference.shape, reach)
+        wide = widened(near, reference.shape, restoration.reach)
+        estimate = restoration.apply(reference[wide], grid)[on_hr_grid(within(near, wide), grid)]
         if learned is not None:
             estimate = learned.of_one.apply(np.clip(estimate, 0.0, 255.0))
-        out[on_hr_grid(box, grid)] = estimate[on_hr_grid(within(box, wide), grid)]
-    return out
+        yield estimate[on_hr_grid(within(box, near), grid)]
 
 
 def prior_strength(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
@@ -210,9 +228,8 @@ def local_strength(
         Mean square of the differences that noise makes in the estimate, grey levels squared.
     """
     height, width = estimate.shape
-    squares = np.zeros_like(estimate)
-    squares[:, :-1] += np.square(np.diff(estimate, axis=1))
-    squares[:-1] += np.square(np.diff(estimate, axis=0))
+    squares = np.empty_like(estimate)
+    kernels.square_steps(estimate, squares)
     lr_size = width // grid.magnification_x, height // grid.magnification_y
     cells = cv2.resize(squares, lr_size, interpolation=cv2.INTER_AREA)
     power, least = tuning.prior_detail
@@ -288,6 +305,8 @@ def fuse(
     learned: LearnedFilters | None = None,
     most_steps: int | None = None,
     judged: bool = True,
+    points: Sequence[tuple[HrImage, HrImage]] | None = None,
+    most_bands: int = NUM_BANDS,
     stop: Callable[[], bool] | None = None,
 ) -> FusedResult:
     """Reconstruct a reference view from all registered views.
@@ -310,6 +329,10 @@ def fuse(
         Conjugate-gradient steps from all views, at most; default: as many as it takes.
     judged : bool
         Whether to measure what is left over; else ``misfits`` and ``residuals`` are empty.
+    points : sequence of ((H, W), (H, W)) float32, optional
+        Where the views' pixels land; default: :func:`landing_points`.
+    most_bands : int
+        Bands of HR rows that are worked on side by side, at most.
     stop : callable, optional
         Polled between steps; true ends the work early.
 
@@ -321,7 +344,7 @@ def fuse(
     noise = max(noise, SMALLEST_NOISE)
     taps = sampling_taps(psf, grid)
     shape = grid.hr_shape(lr_shape)
-    points = [landing_points(view, grid) for view in registered]
+    points = [landing_points(view, grid) for view in registered] if points is None else [*points]
     strength = prior_strength(noise, psf.sigma, tuning)
     scale = tuning.edge_scale[0] + tuning.edge_scale[1] * noise
     reference = next(index for index, view in enumerate(registered) if view.is_reference)
@@ -335,7 +358,7 @@ def fuse(
         left = noise**2 * restoration_of(own.observed, grid, psf, noise).roughness
     system = NormalEquations(
         shape, taps, psf_taps(psf, grid), float(own.observed.mean()),
-        local_strength(estimate, grid, noise, tuning, left),
+        local_strength(estimate, grid, noise, tuning, left), most_bands,
     )  # fmt: skip
     stop_reason = "iterations"
 
@@ -375,7 +398,9 @@ def fuse(
                 return ones
             view = registered[index]
             found = agreement_of(index)
-            if is_correctable and found.mean() < tuning.agreeing * _possible(view):
+            agreeing = found.mean() if is_correctable else np.inf
+            # what is possible is counted where it may matter
+            if agreeing < tuning.agreeing and agreeing < tuning.agreeing * _possible(view):
                 points[index] = realigned(coefficients, points[index], view.observed, noise, grid)
                 flags[index] = view.flags.copy()
                 found = agreement_of(index)

@@ -11,7 +11,10 @@ import numpy as np
 from numba import njit
 
 from pipeline.reconstruction.rows import OPTIONS, copy_row, mirror
-from pipeline.reconstruction.simd import CELL, LANES, add_nine, planes_of_eight
+from pipeline.reconstruction.simd import CELL, LANES, TOGETHER, add_nine, planes_of_eight
+
+NUM_TAPS = 14
+"""Numbers that tell what an observation adds, and where."""
 
 NUM_COUPLINGS = 13
 """Unique couplings of a 5 × 5 symmetric stencil: itself, 2 to the right, 5 + 5 below."""
@@ -85,44 +88,72 @@ def gather_observations(
     """
     rows, columns = observed.shape
     stride = (width + 2) * CELL
-    half = np.float32(0.5)
-    nothing = np.float32(0.0)
+    taps = np.empty(NUM_TAPS * TOGETHER, np.float32)
     for row in range(rows):
         if last[row] < lo - 1 or first[row] > hi:
             continue
-        for column in range(columns):
-            w = weight[row, column]
-            if not w > SMALLEST_WEIGHT:
-                continue
-            py = position_y[row, column]
-            centre_y = int(np.floor(py + half))
-            if centre_y < lo - 1 or centre_y > hi:
-                continue
-            px = position_x[row, column]
-            centre_x = int(np.floor(px + half))
-            if centre_x < 0 or centre_x >= width or centre_y < 0 or centre_y >= height:
-                continue
-            tx = px - np.float32(centre_x)
-            ty = py - np.float32(centre_y)
-            x0, x1, x2 = _spline(tx)
-            y0, y1, y2 = _spline(ty)
-            # at the very border taps fold onto the image: reflection about the edge
-            if centre_x == 0:
-                x1 += x0
-                x0 = nothing
-            if centre_x == width - 1:
-                x1 += x2
-                x2 = nothing
-            if centre_y == 0:
-                y1 += y0
-                y0 = nothing
-            if centre_y == height - 1:
-                y1 += y2
-                y2 = nothing
-            at = (centre_y - lo + 1) * stride + centre_x * CELL
-            add_nine(
-                cells, at, stride, x0, x1, x2, y0, y1, y2, w, w * (observed[row, column] - level)
-            )
+        for start in range(0, columns, TOGETHER):
+            end = min(start + TOGETHER, columns)
+            _weigh_taps(
+                position_x[row, start:end], position_y[row, start:end], observed[row, start:end],
+                weight[row, start:end], level, lo, hi, height, width, taps,
+            )  # fmt: skip
+            for k in range(end - start):
+                if taps[k] >= 0:
+                    at = (int(taps[TOGETHER + k]) - lo + 1) * stride + int(taps[k]) * CELL
+                    add_nine(cells, at, stride, taps, 2 * TOGETHER + k)
+
+
+@njit(**OPTIONS)
+def _weigh_taps(position_x, position_y, observed, weight, level, lo, hi, height, width, taps):
+    """Write where observations land and what they add there; see :func:`gather_observations`.
+
+    Without a branch, and what is read or written lies at known distances, so that eight are
+    worked on at once.
+
+    Parameters
+    ----------
+    position_x, position_y, observed, weight : (≤ TOGETHER,) float32
+    taps : (NUM_TAPS · TOGETHER,) float32
+        x and y of the nearest HR pixel, x negative where the observation is left out, and what
+        :func:`simd.add_nine` takes.
+    """
+    half, nothing, one = np.float32(0.5), np.float32(0.0), np.float32(1.0)
+    smallest = np.float32(SMALLEST_WEIGHT)
+    top, bottom = np.float32(max(lo - 1, 0)), np.float32(min(hi, height - 1))
+    right, under = np.float32(width - 1), np.float32(height - 1)
+    for k in range(weight.size):
+        w = weight[k]
+        px, py = position_x[k], position_y[k]
+        fx, fy = np.floor(px + half), np.floor(py + half)
+        is_in = (w > smallest) & (fx >= nothing) & (fx <= right) & (fy >= top) & (fy <= bottom)
+        x0, x1, x2 = _spline(px - fx)
+        y0, y1, y2 = _spline(py - fy)
+        # at the very border taps fold onto the image: reflection about the edge
+        x1 = x1 + x0 if fx == nothing else x1
+        x0 = nothing if fx == nothing else x0
+        x1 = x1 + x2 if fx == right else x1
+        x2 = nothing if fx == right else x2
+        y1 = y1 + y0 if fy == nothing else y1
+        y0 = nothing if fy == nothing else y0
+        y1 = y1 + y2 if fy == under else y1
+        y2 = nothing if fy == under else y2
+        w0, w1, w2 = w * y0, w * y1, w * y2
+        value = w * (observed[k] - level)
+        taps[k] = fx if is_in else -one
+        taps[TOGETHER + k] = fy
+        taps[2 * TOGETHER + k] = x0
+        taps[3 * TOGETHER + k] = x1
+        taps[4 * TOGETHER + k] = x2
+        taps[5 * TOGETHER + k] = w0 * y0
+        taps[6 * TOGETHER + k] = w0 * y1
+        taps[7 * TOGETHER + k] = w0 * y2
+        taps[8 * TOGETHER + k] = w1 * y1
+        taps[9 * TOGETHER + k] = w1 * y2
+        taps[10 * TOGETHER + k] = w2 * y2
+        taps[11 * TOGETHER + k] = value * y0
+        taps[12 * TOGETHER + k] = value * y1
+        taps[13 * TOGETHER + k] = value * y2
 
 
 @njit(**OPTIONS)
@@ -262,6 +293,21 @@ def sum_gradients(coefficients, position_x, position_y, observed, scale, cell, s
             sums[2, i, j] += share * down * down
             sums[3, i, j] += share * across * error
             sums[4, i, j] += share * down * error
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def square_steps(image, out):
+    """Write the squared differences of each pixel to those right of it and below, summed."""
+    height, width = image.shape
+    for row in range(height):
+        own, line = image[row], out[row]
+        for x in range(width - 1):
+            line[x] = (own[x + 1] - own[x]) * (own[x + 1] - own[x])
+        line[width - 1] = np.float32(0.0)
+        if row + 1 < height:
+            below = image[row + 1]
+            for x in range(width):
+                line[x] += (below[x] - own[x]) * (below[x] - own[x])
 
 
 @njit(**OPTIONS)

@@ -48,7 +48,7 @@ TRUSTED_FROM = 2.0
 """… less, in proportion: the less noise, the less there is to gain, and the more is lost by a PSF
 that is not quite the one it was told, grey levels."""
 
-BAND = 64
+BAND = 128
 """Rows that one thread works on at once."""
 
 Taps = npt.NDArray[np.float32]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -151,17 +150,49 @@ def on_hr_grid(box: Box, grid: Grid) -> Box:
     )
 
 
+def put_pixels(image: GreyImage, part: GreyImage, wanted: Mask, box: Box, grid: Grid) -> None:
+    """Write the HR pixels of a box whose LR pixels are wanted, in place.
+
+    Parameters
+    ----------
+    part : (K·h, K·w) float32
+        Of the box.
+    wanted : (h, w) bool
+        Likewise.
+    """
+    top, left = box[0].start * grid.magnification_y, box[1].start * grid.magnification_x
+    # contiguous, for one compilation
+    _put_pixels(
+        np.ascontiguousarray(part), np.ascontiguousarray(wanted), grid.magnification_y,
+        grid.magnification_x, top, left, image,
+    )  # fmt: skip
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _put_pixels(part, wanted, down, across, top, left, image):
+    for row in range(part.shape[0]):
+        is_wanted, source = wanted[row // down], part[row]
+        target = image[top + row]
+        for column in range(wanted.shape[1]):
+            if is_wanted[column]:
+                for fine in range(column * across, (column + 1) * across):
+                    target[left + fine] = source[fine]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CutViews:
     """Views cut down to what lands in a box of the reference."""
 
     views: tuple[RegisteredView, ...]
+    """Their positions are still those in the whole reference."""
+    points: tuple[tuple[GreyImage, GreyImage], ...]
+    """x and y of their landing points on the HR grid of the box, HR pixels."""
     places: tuple[Box, ...]
     """Rows and columns of each that were taken."""
 
 
-def cut_views(registered: Sequence[RegisteredView], boxes: Sequence[Box]) -> list[CutViews]:
-    """Return, for each box, the pixels that land in it, landing points counted from its corner."""
+def landing_in(registered: Sequence[RegisteredView], boxes: Sequence[Box]) -> list[list[Box]]:
+    """Return, for each box, the rows and columns of each view that hold what lands in it."""
     bounds = np.array(
         [(rows.start, rows.stop, columns.start, columns.stop) for rows, columns in boxes], np.int64
     ).reshape(-1, 4)
@@ -175,24 +206,67 @@ def cut_views(registered: Sequence[RegisteredView], boxes: Sequence[Box]) -> lis
         _landing_in(view.position, bounds, found)
         for of_box, (top, bottom, left, right) in zip(places, found.tolist(), strict=True):
             of_box.append((slice(top, bottom), slice(left, right)))
-    return [
-        CutViews(
-            views=tuple(_cut(view, place, box) for view, place in zip(registered, at, strict=True)),
-            places=tuple(at),
-        )
-        for box, at in zip(boxes, places, strict=True)
-    ]
+    return places
 
 
-def _cut(view: RegisteredView, place: Box, box: Box) -> RegisteredView:
-    return replace(
+def cut_views(
+    known: Sequence[tuple[RegisteredView, GreyImage, Box]], box: Box, grid: Grid
+) -> CutViews:
+    """Return views cut down to what lands in a box, landing points counted from its corner.
+
+    Parameters
+    ----------
+    known : sequence of (view, offset, place)
+        With what is taken off the pixels observed, (H, W) grey levels or nothing, and
+        with the rows and columns that :func:`landing_in` found.
+    """
+    cuts = [_cut(view, offset, place, box, grid) for view, offset, place in known]
+    return CutViews(
+        views=tuple(view for view, _ in cuts),
+        points=tuple(points for _, points in cuts),
+        places=tuple(place for _, _, place in known),
+    )
+
+
+def _cut(
+    view: RegisteredView, offset: GreyImage, place: Box, box: Box, grid: Grid
+) -> tuple[RegisteredView, tuple[GreyImage, GreyImage]]:
+    x, y, observed = (np.empty(view.flags[place].shape, np.float32) for _ in range(3))
+    # writable pixels, for one compilation
+    pixels = np.require(view.observed, requirements="W")
+    _cut_out(
+        view.position, pixels, offset, place[0].start, place[1].start,
+        np.float32(box[1].start), np.float32(grid.magnification_x), np.float32(grid.offset_x),
+        np.float32(box[0].start), np.float32(grid.magnification_y), np.float32(grid.offset_y),
+        x, y, observed,
+    )  # fmt: skip
+    part = replace(
         view,
-        observed=np.ascontiguousarray(view.observed[place]),
-        position=cv2.subtract(view.position[place], (box[1].start, box[0].start, 0, 0)),
+        observed=observed,
+        position=view.position[place],
         registration_weights=view.registration_weights[place],
         flags=view.flags[place],
         confidence=view.confidence[place],
     )
+    return part, (x, y)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _cut_out(
+    positions, pixels, offsets, top, left, before, magnification_x, offset_x, above,
+    magnification_y, offset_y, x, y, observed,
+):  # fmt: skip
+    """Write a part of a view, and where on the HR grid of a box it lands."""
+    for row in range(observed.shape[0]):
+        points, grey = positions[top + row, left:], pixels[top + row, left:]
+        for column in range(observed.shape[1]):
+            x[row, column] = (points[column, 0] - before) * magnification_x + offset_x
+            y[row, column] = (points[column, 1] - above) * magnification_y + offset_y
+            observed[row, column] = grey[column]
+        if offsets.size > 0:
+            less = offsets[top + row, left:]
+            for column in range(observed.shape[1]):
+                observed[row, column] -= less[column]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -9,6 +9,7 @@ Knows nothing of views or files.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import cv2
@@ -141,12 +142,14 @@ def psf_axes(psf: Psf, grid: Grid) -> tuple[Psf | None, Psf | None]:
     )
 
 
+@functools.lru_cache(maxsize=8)
 def psf_taps(psf: Psf, grid: Grid) -> SeparableTaps:
     """Return the taps of the PSF along both axes, at whole HR positions."""
     x, y = (np.ones(1) if axis is None else axis.taps_at(0.0) for axis in psf_axes(psf, grid))
     return SeparableTaps(x=x, y=y)
 
 
+@functools.lru_cache(maxsize=8)
 def sampling_taps(psf: Psf, grid: Grid) -> SeparableTaps:
     """Return the taps from an estimate to the spline coefficients that observations sample."""
     x, y = (

@@ -18,6 +18,9 @@ LANES = 8
 CELL = 16
 """Numbers kept for each HR pixel while observations are gathered, see :func:`add_nine`."""
 
+TOGETHER = 128
+"""Observations whose taps are worked out together, before they are added one by one."""
+
 PATCH = 7
 """Side of the patches of :func:`weigh_patch`, pixels."""
 
@@ -78,33 +81,40 @@ def _data(context, builder, signature, arguments, number: int):
 
 
 @intrinsic
-def add_nine(typing_context, cells, at, stride, x0, x1, x2, y0, y1, y2, weight, value):
+def add_nine(typing_context, cells, at, stride, taps, first):
     """Add one observation to the cells of the nine HR pixels around it, in place.
 
     Cell (a, b) gets w · y_a · x_b · (y_a x_b … y_{a+2} x_{b+2}): numbers 0 to 12 are the
     pixel's couplings in the order of the planes of ``kernels.spread_cells``; number 13 gets
-    value · y_a · x_b.
+    w · y_a · x_b times the grey level.
 
     Parameters
     ----------
     cells : float32 array
     at, stride : intp
         Of the first of the nine cells; from a row of cells to the next.
-    x0 … y2, weight, value : float32
-        Taps along both axes; weight w; weight times grey level.
+    taps : float32 array
+        x₀ x₁ x₂, with w in front y₀y₀ y₀y₁ y₀y₂ y₁y₁ y₁y₂ y₂y₂, and with the grey level too
+        y₀ y₁ y₂, ``TOGETHER`` apart. What is in memory is spread over lanes as it is loaded,
+        which costs next to nothing.
+    first : intp
+        Of the observation's first number.
     """
-    signature = types.void(cells, types.intp, types.intp, *(types.float32,) * 8)
+    signature = types.void(cells, types.intp, types.intp, taps, types.intp)
 
     def generate(context, builder, signature, arguments):
         eight = _Eight(builder)
-        data = _data(context, builder, signature, arguments, 0)
-        start, pitch = arguments[1], arguments[2]
-        x, y = arguments[3:6], arguments[6:9]
-        weight, value = arguments[9], arguments[10]
+        data, numbers = (_data(context, builder, signature, arguments, n) for n in (0, 3))
+        start, stride, first = arguments[1], arguments[2], arguments[4]
+
+        def number(place: int):
+            where = builder.add(first, ir.Constant(first.type, TOGETHER * place))
+            return builder.load(builder.gep(numbers, [where]))
+
+        x = [number(b) for b in range(3)]
         taps = _ZEROS
-        one = ir.Constant(_FLOAT, 1.0)
-        for lane, number in enumerate((*x, one)):
-            taps = builder.insert_element(taps, number, ir.Constant(_WORD, lane))
+        for lane, tap_x in enumerate((*x, ir.Constant(_FLOAT, 1.0))):
+            taps = builder.insert_element(taps, tap_x, ir.Constant(_WORD, lane))
 
         def tap(column: int) -> int:
             return column if 0 <= column <= 2 else LANES  # beyond: the zero of the other vector
@@ -116,15 +126,16 @@ def add_nine(typing_context, cells, at, stride, x0, x1, x2, y0, y1, y2, weight, 
             low = eight.choose(taps, _ZEROS, [tap(b), tap(b + 1), tap(b + 2), *below])
             high = eight.choose(taps, _ZEROS, [*below, 3, LANES, LANES])
             across.append((eight.times(low, own), eight.times(high, own)))
+        place = 3
         for a in range(3):
-            own = eight.times(weight, y[a])
-            rows = [
-                eight.spread(eight.times(own, y[a + d])) if a + d <= 2 else _ZEROS for d in range(3)
-            ]
-            right = eight.spread(eight.times(value, y[a]))
+            rows = [_ZEROS] * 3
+            for d in range(3 - a):
+                rows[d] = eight.spread(number(place))
+                place += 1
+            right = eight.spread(number(9 + a))
             low = eight.choose(rows[0], rows[1], [0, 1, 2, *range(LANES + 3, 2 * LANES)])
             high = eight.choose(rows[2], right, [0, 1, 2, 3, 4, *range(LANES + 5, 2 * LANES)])
-            line = builder.add(start, builder.mul(pitch, ir.Constant(pitch.type, a)))
+            line = builder.add(start, builder.mul(stride, ir.Constant(stride.type, a)))
             for b in range(3):
                 for half, (down, along) in enumerate(zip((low, high), across[b], strict=True)):
                     more = CELL * b + LANES * half

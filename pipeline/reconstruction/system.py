@@ -18,6 +18,7 @@ import functools
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -54,9 +55,9 @@ NOTHING: HrImage = np.empty((0, 0), np.float32)
 
 
 @functools.cache
-def bands(height: int) -> list[tuple[int, int]]:
-    """Return the half-open row ranges of the bands of an HR image."""
-    edges = np.linspace(0, height, max(1, min(NUM_BANDS, height // BAND_ROWS)) + 1).astype(int)
+def bands(height: int, most: int = NUM_BANDS) -> list[tuple[int, int]]:
+    """Return the half-open row ranges of the bands of an HR image, so many at most."""
+    edges = np.linspace(0, height, max(1, min(most, height // BAND_ROWS)) + 1).astype(int)
     return [(int(a), int(b)) for a, b in pairwise(edges)]
 
 
@@ -69,6 +70,12 @@ def half_taps(taps: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
     half = taps[taps.size // 2 :]
     half = half[: np.flatnonzero(np.abs(half) >= NEGLIGIBLE * np.abs(half[0]))[-1] + 1]
     return (half / (half[0] + 2 * half[1:].sum())).astype(np.float32)
+
+
+@functools.lru_cache(maxsize=16)
+def _halves(taps: SeparableTaps) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return the half taps along x and along y."""
+    return half_taps(taps.x), half_taps(taps.y)
 
 
 class NormalEquations:
@@ -86,6 +93,8 @@ class NormalEquations:
         Grey level about which is worked: what is rounded is the difference to it.
     local : (KH, KW) float32, optional
         m, the share of λ that there is at each pixel, 0..1; default: 1.
+    most_bands : int
+        Bands of HR rows, at most.
     """
 
     def __init__(
@@ -95,13 +104,13 @@ class NormalEquations:
         sharpening: SeparableTaps,
         level: float = 0.0,
         local: HrImage | None = None,
+        most_bands: int = NUM_BANDS,
     ) -> None:
         self.shape = shape
         self._level = np.float32(level)
         local = np.ones(shape, np.float32) if local is None else local
-        self._local = np.pad(local, ((0, 0), (1, 1)), mode="edge")
-        self._along = half_taps(taps.x), half_taps(taps.y)
-        self._sharpening = half_taps(sharpening.x), half_taps(sharpening.y)
+        self._local = cv2.copyMakeBorder(local, 0, 0, 1, 1, cv2.BORDER_REPLICATE)
+        self._along, self._sharpening = _halves(taps), _halves(sharpening)
         height, width = shape
         self._regular = False
         self._across = np.zeros((5, width), np.float32)
@@ -109,7 +118,7 @@ class NormalEquations:
         self._couplings = np.zeros((kernels.NUM_COUPLINGS, 1, 1), np.uint16)
         self._units = np.zeros(height + 2 * PAD, np.float32)
         self._rhs = np.zeros(shape, np.float32)
-        self._bands = bands(shape[0])
+        self._bands = bands(shape[0], most_bands)
         self._scratch: list[HrImage] = []
         self.steps = 0
 
@@ -122,7 +131,8 @@ class NormalEquations:
         height, width = self.shape
         shape = (kernels.NUM_COUPLINGS, height + 2 * PAD, PAD + width + TAIL)
         if self._couplings.shape != shape:
-            self._couplings = np.zeros(shape, np.uint16)
+            # what lies around the image is multiplied by zeros
+            self._couplings = np.empty(shape, np.uint16)
         self._regular = False
         landing = map_threads(lambda view: _landing_rows(view[1], height), observations)
         tile = min(TILE, max(hi - lo for lo, hi in self._bands))
@@ -376,11 +386,11 @@ def simulate(
 
 def spline_coefficients(estimate: HrImage, taps: SeparableTaps) -> HrImage:
     """Return B times the estimate, with ``PAD`` pixels around it, reflected about its edge."""
-    along = half_taps(taps.x), half_taps(taps.y)
+    along = _halves(taps)
     out = np.empty(estimate.shape, np.float32)
     image = np.ascontiguousarray(estimate, np.float32)
     map_threads(lambda band: sweeps.blur_band(image, *along, *band, out), bands(estimate.shape[0]))
-    return np.pad(out, PAD, mode="symmetric")
+    return cv2.copyMakeBorder(out, PAD, PAD, PAD, PAD, cv2.BORDER_REFLECT)
 
 
 def sample(coefficients: HrImage, x: HrImage, y: HrImage) -> npt.NDArray[np.float32]:

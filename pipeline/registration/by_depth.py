@@ -114,26 +114,32 @@ def _land(
 ):  # fmt: skip
     """Write where some pixels land, their intensity terms and whether they land inside."""
     rows, columns = nearness.shape
+    constant, slope, aslant, downwards, slope_x, slope_y = terms
+    h00, h01, h02 = homography[0]
+    h10, h11, h12 = homography[1]
+    h20, h21, h22 = homography[2]
+    e0, e1, e2 = epipole
+    least, right, under = -0.5, width - 0.5, height - 0.5
+    inverse = 1.0 / columns
+    nothing = np.uint8(0)
     for row in range(rows):
         y = float(row)
         down = (y + 0.5) / rows - 0.5
+        # what a row has in common
+        at_row, rise = constant + downwards * down, slope + slope_y * down
+        u_row, v_row, scale_row = h01 * y + h02, h11 * y + h12, h21 * y + h22
         for column in range(columns):
             if not wanted[row, column]:
                 continue
             x = float(column)
-            across = (x + 0.5) / columns - 0.5
+            across = (x + 0.5) * inverse - 0.5
             said = float(nearness[row, column])
-            depth = said + terms[0] + terms[2] * across + terms[3] * down
-            depth += said * (terms[1] + terms[4] * across + terms[5] * down)
-            scale = homography[2, 0] * x + homography[2, 1] * y + homography[2, 2]
-            scale += epipole[2] * depth
-            share = 1.0 / scale
-            u = homography[0, 0] * x + homography[0, 1] * y + homography[0, 2] + epipole[0] * depth
-            v = homography[1, 0] * x + homography[1, 1] * y + homography[1, 2] + epipole[1] * depth
-            u *= share
-            v *= share
+            depth = said + at_row + aslant * across + said * (rise + slope_x * across)
+            share = 1.0 / (h20 * x + scale_row + e2 * depth)
+            u = (h00 * x + u_row + e0 * depth) * share
+            v = (h10 * x + v_row + e1 * depth) * share
             position[row, column, 0] = u
             position[row, column, 1] = v
             offsets[row, column] = offset
-            is_inside = u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5
-            flags[row, column] = 0 if is_inside else outside
+            is_inside = u > least and v > least and u < right and v < under
+            flags[row, column] = nothing if is_inside else outside

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +15,7 @@ from pipeline.frames import GreyImage, Mask, MultiViewFrame, RegisteredView, Vie
 from pipeline.noise import estimate_noise
 from pipeline.reconstruction.alone import Restored
 from pipeline.reconstruction.fused import FusedResult
-from pipeline.registration.by_depth import DepthLaw, landed_by_depth, learn_law
+from pipeline.registration.by_depth import DepthLaw, Nearness, landed_by_depth, learn_law
 from pipeline.registration.prepare import cleaned
 from pipeline.registration.register import Previous, ViewRegistration
 from pipeline.superresolve.registered import RegisteredFrame
@@ -153,23 +155,24 @@ class Memory:
         if self.previous is not None:
             self.previous = replace(self.previous, has_moved=True)
 
-    def known_views(self) -> dict[str, list[RegisteredView]]:
+    def known_views(self) -> dict[str, tuple[list[RegisteredView], list[GreyImage]]]:
         """Return the views registered onto each target, as they were when last looked at.
 
-        Nothing where they are so from another place, or no frame was reconstructed of them.
+        With what is to be taken off the pixels observed of each. Nothing where they are so from
+        another place, or no frame was reconstructed of them.
         """
         previous = self.previous
         if previous is None or previous.has_moved or not self._solved:
             return {}
-        return {
-            target: [
-                replace(view, observed=self.still[view.view_id].mean - one.offset)
-                for one in registrations
-                for view in [one.registered]
-                if view.view_id in self.still
+        found = {}
+        for target, registrations in previous.registrations.items():
+            known = [one for one in registrations if one.registered.view_id in self.still]
+            views = [
+                replace(one.registered, observed=self.still[one.registered.view_id].mean)
+                for one in known
             ]
-            for target, registrations in previous.registrations.items()
-        }
+            found[target] = views, [one.offset for one in known]
+        return found
 
     @property
     def seen(self) -> Seen:
@@ -236,20 +239,38 @@ class Memory:
             if name in view_ids
         )
 
-    def land(self, frame: MultiViewFrame, view_ids: Sequence[str]) -> None:
-        """Let what has changed in some views of a frame land by their depth maps."""
+    def noise_and_nearness(
+        self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]
+    ) -> tuple[float, dict[str, Nearness]]:
+        """Return the noise of a frame, and the nearness of those of some views that may land by it.
+
+        The former takes as long as the latter of six views, so that they are found side by side.
+        """
+        seen = [view.view_id for view in frame.views]
+        near = {name for name in seen if name in view_ids}
+        names = list(dict.fromkeys(name for _, name in self.laws() if name in near))
+        tasks: list[Callable[[], Any]] = [lambda: self.noise(frame, settings, seen)]
+        for name in names:
+            depth_map = frame.view(name).depth_map
+            assert depth_map is not None  # depth has proved right
+            tasks.append(functools.partial(cleaned, depth_map))
+        noise, *nearness = map_threads(lambda task: task(), tasks)
+        return noise, dict(zip(names, nearness, strict=True))
+
+    def land(
+        self, frame: MultiViewFrame, view_ids: Sequence[str], nearness: Mapping[str, Nearness]
+    ) -> None:
+        """Let what has changed in some views of a frame land by their depth maps.
+
+        Parameters
+        ----------
+        nearness : mapping of view ids to (H, W) float32
+            Of :meth:`noise_and_nearness`.
+        """
         previous, laws = self.previous, self.laws()
         assert previous is not None  # there are laws
         self.miss([view.view_id for view in frame.views if view.view_id not in view_ids])
         views = {view.view_id: view for view in frame.views if view.view_id in view_ids}
-        names = {name for (_, name), law in laws.items() if law is not None and name in views}
-
-        def nearness_of(name: str) -> npt.NDArray[np.float32]:
-            depth_map = views[name].depth_map
-            assert depth_map is not None  # depth has proved right
-            return cleaned(depth_map)
-
-        nearness = dict(zip(names, map_threads(nearness_of, list(names)), strict=True))
 
         def landed(pair: tuple[str, ViewRegistration]) -> ViewRegistration:
             target, one = pair
@@ -264,9 +285,10 @@ class Memory:
                 one, law, nearness[name], changed, views[target].luma.shape, self._has_landed
             )
 
+        pairs = [(target, one) for target, ones in previous.registrations.items() for one in ones]
+        found = iter(map_threads(landed, pairs))
         registrations = {
-            target: map_threads(landed, [(target, one) for one in ones])
-            for target, ones in previous.registrations.items()
+            target: [next(found) for _ in ones] for target, ones in previous.registrations.items()
         }
         self.previous = replace(previous, registrations=registrations)
         self._missed = {name: mask for name, mask in self._missed.items() if name not in views}

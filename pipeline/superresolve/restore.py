@@ -113,14 +113,14 @@ def swift_frame(
     psf = psf or psf_of(settings)
     with stoppable(stop):
         before = memory.seen
-        noise = memory.noise(frame, settings, names)
+        noise, nearness = memory.noise_and_nearness(frame, settings, near)
         averaged = memory.averaged(frame, noise)
         shares = [memory.still[target].touched.mean() for target in targets]
         drifts = memory.drifts(frame, targets, noise)
         if memory.is_quieter or drifts or max(shares) > MUCH_CHANGED:
             memory.seen = before
             return None
-        memory.land(averaged, near)
+        memory.land(averaged, near, nearness)
     return _made(averaged, settings, targets, near, psf, noise, memory, effort, clock, stop)
 
 
@@ -160,8 +160,9 @@ def _made(
                     )
                 )
             threshold = settings.residual_threshold or default_residual_threshold(noise)
+            views, offsets = known[target]
             return refreshed(
-                made, due, known[target], settings.grid, psf, learned,
+                made, due, views, settings.grid, psf, learned, offsets=offsets,
                 residual_threshold=threshold, most_steps=effort.steps, stop=stop,
             )  # fmt: skip
 

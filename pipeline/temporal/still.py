@@ -125,8 +125,11 @@ def _average(luma, changed, means, counts, mean, count):
     one = np.float32(1.0)
     most = np.float32(MOST_FRAMES)
     for row in range(luma.shape[0]):
+        begins, now, before, frames = changed[row], luma[row], means[row], counts[row]
+        out, number = mean[row], count[row]
+        # without a branch, eight at once
         for column in range(luma.shape[1]):
-            frames = one if changed[row, column] else min(counts[row, column] + one, most)
-            count[row, column] = frames
-            away = luma[row, column] - means[row, column]
-            mean[row, column] = means[row, column] + away / frames
+            goes_on = min(frames[column] + one, most)
+            number[column] = one if begins[column] else goes_on
+        for column in range(luma.shape[1]):
+            out[column] = before[column] + (now[column] - before[column]) / number[column]

@@ -7,9 +7,15 @@ import numpy as np
 from pipeline.frames import RegisteredView
 from pipeline.grid import Grid, Sampling
 from pipeline.reconstruction.again import Due, fuse_again
-from pipeline.reconstruction.fused import FusedTuning, fuse
-from pipeline.reconstruction.parts import covering_boxes, cut_views, widened
+from pipeline.reconstruction.fused import FusedTuning, fuse, landing_points
+from pipeline.reconstruction.parts import (
+    covering_boxes,
+    cut_views,
+    landing_in,
+    widened,
+)
 from pipeline.reconstruction.psf import GaussianPsf
+from pipeline.reconstruction.system import NOTHING
 
 SHAPE = (72, 104)
 GRID = Grid(magnification_x=2, magnification_y=2, sampling=Sampling.DECIMATION)
@@ -63,8 +69,11 @@ def test_everything_wanted_is_one_box():
 def test_views_are_cut_to_what_lands_in_the_box():
     views = _views(0)
     box = widened((slice(24, 40), slice(32, 48)), SHAPE)
-    (cut,) = cut_views(views, [box])
-    for view, part, place in zip(views, cut.views, cut.places, strict=True):
+    (places,) = landing_in(views, [box])
+    cut = cut_views(
+        [(view, NOTHING, place) for view, place in zip(views, places, strict=True)], box, GRID
+    )
+    for view, part, points, place in zip(views, cut.views, cut.points, cut.places, strict=True):
         inside = np.zeros(SHAPE, bool)
         inside[place] = True
         x, y = view.position[..., 0], view.position[..., 1]
@@ -72,9 +81,8 @@ def test_views_are_cut_to_what_lands_in_the_box():
         lands &= (y >= box[0].start) & (y < box[0].stop - 0.5)
         assert inside[lands].all()
         np.testing.assert_array_equal(part.observed, view.observed[place])
-        np.testing.assert_allclose(
-            part.position + np.array([box[1].start, box[0].start]), view.position[place], atol=1e-4
-        )
+        for landed, whole, side in zip(points, landing_points(view, GRID), box[::-1], strict=True):
+            np.testing.assert_allclose(landed + 2 * side.start, whole[place], atol=1e-4)
 
 
 def test_what_is_due_is_as_if_all_had_been_solved_and_the_rest_is_kept():
