@@ -108,7 +108,8 @@ def _add_run(commands: Any) -> None:
         "scene",
         type=Path,
         metavar="SCENE",
-        help="a scene.json, a folder with one or with pictures, or a stereo video file",
+        help="a scene.json, a folder with one or with pictures, a stereo video, or a video of one "
+        "eye with the other's beside it (clip_left.mov, clip_right.mov)",
     )
     add_options(parser.add_argument_group("input"), InputOptions)
     output = parser.add_argument_group("output")

@@ -57,7 +57,8 @@ def _add_publish(commands: Any) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--camera", action="append", type=_camera, metavar="NAME=ADDRESS",
-        help="a camera, as FFmpeg opens it (rtsp://HOST/PATH, udp://, http://, ...); left to right",
+        help="a camera, as FFmpeg opens it (rtsp://HOST/PATH, udp://, http://); once for each, "
+        "left to right",
     )  # fmt: skip
     parser.add_argument("--stream", required=True, metavar="NAME", help="name of the stream")
     parser.add_argument(

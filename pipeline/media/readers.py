@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from pipeline.colour import Picture, picture_from_grey, picture_from_rgb
 from pipeline.errors import SceneError
-from pipeline.media.colorimetry import Colorimetry
+from pipeline.media.colorimetry import BT709, BT2020, Colorimetry
 from pipeline.media.decode import VideoReader
 from pipeline.media.images import read_header, read_image
 from pipeline.media.scene import (
@@ -29,6 +29,7 @@ from pipeline.media.scene import (
     VideoFile,
     confined,
 )
+from pipeline.media.ycbcr import YcbcrMatrix
 from pipeline.media.yuv import RawVideoFile
 from pipeline.stereo import pad_to_multiple
 
@@ -333,6 +334,9 @@ class RawVideoReader(_StreamReader):
             height=raw.height,
             is_color=self._file.layout.has_chroma,
             bit_depth=8 if bits == 8 else 10 if bits <= 10 else 16,
+            colorimetry=Colorimetry(
+                primaries=BT2020 if raw.matrix is YcbcrMatrix.BT2020 else BT709
+            ),
         )
 
     def picture(self, frame_index: int) -> Picture:

@@ -212,6 +212,17 @@ def test_views_that_differ_are_told(tmp_path, write_scene):
     assert any("another transfer in: v2" in text for text in info.warnings)
 
 
+def test_raw_video_of_bt_2020_has_its_primaries(tmp_path):
+    yuv = {"width": 16, "height": 8, "pixel_format": "yuv420p10le", "matrix": "bt2020"}
+    views = [{"id": name, "color": {"yuv": f"{name}.yuv", **yuv}} for name in "lr"]
+    for name in "lr":
+        (tmp_path / f"{name}.yuv").write_bytes(bytes(2 * 16 * 8 * 3 // 2))
+    manifest = {"format": "depthsr-scene/1", "views": views}
+    (tmp_path / "scene.json").write_text(json.dumps(manifest))
+    with open_scene(tmp_path) as source:
+        assert source.info.colorimetry.names == ("bt2020", "bt709")
+
+
 def test_what_says_nothing_is_taken_for_the_usual():
     assert Colorimetry.told(2, 0).is_usual
     assert Colorimetry.told(9, 99).names == ("bt2020", "bt709")
