@@ -31,8 +31,7 @@ from pipeline.media.files import check_folder_writable, check_writable, remove_l
 from pipeline.media.info import Sound
 from pipeline.media.png import png_path, write_png
 from pipeline.media.sound import sound_codec
-from pipeline.media.video_format import VideoCodec, VideoFormat
-from pipeline.plan import lost_of_hdr
+from pipeline.media.video_format import VideoCodec, VideoFormat, lost_of_hdr
 from pipeline.stereo import StereoLayout, unpack
 from pipeline.stop import StopFlag
 from pipeline.workfolder import WorkFolder, work_folder_of
@@ -85,7 +84,7 @@ def export(
     with contextlib.closing(VideoReader(master.path)) as reader:
         video_format = _video_format(master, output, reader.colorimetry)
         if reader.colorimetry.is_hdr:
-            for text in lost_of_hdr(output, output.layout):
+            for text in lost_of_hdr(output.output, output.codec, layout):
                 on_event(Warned(text=text))
         frames = range(master.first_frame, master.first_frame + reader.num_frames)
         segments = cut_segments(frames, output.segment_length)

@@ -18,7 +18,7 @@ from pipeline.media.info import SceneInfo, Sound
 from pipeline.media.png import png_path
 from pipeline.media.sound import sound_codec
 from pipeline.media.source import FrameSource
-from pipeline.media.video_format import CODECS, VideoCodec, container_of, video_paths
+from pipeline.media.video_format import container_of, lost_of_hdr, video_paths
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.sink import OutputPlan
 from pipeline.stereo import StereoLayout
@@ -38,10 +38,10 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
     grid = job.settings.grid
     hr_shape = grid.hr_shape(info.lr_shape)
     _check_psf(job.settings, hr_shape)
-    _check_folder(job, info)
+    _check_folders(job, info, layout)
     sound, warnings = _sound(job, info)
     if info.colorimetry.is_hdr:
-        warnings += tuple(lost_of_hdr(job.output, layout))
+        warnings += lost_of_hdr(job.output.output, job.output.codec, layout)
     return OutputPlan(
         options=replace(job.output, layout=layout),
         targets=targets,
@@ -80,23 +80,19 @@ def _sound(job: Job, info: SceneInfo) -> tuple[Sound | None, tuple[str, ...]]:
     return sound, (f"{job.output.output}: a .{container} file takes no {codec} sound: it has none",)
 
 
-def _check_folder(job: Job, info: SceneInfo) -> None:
-    """Refuse pictures in a folder whose files are known by their names: they would be eyes, too."""
-    folder = job.output.frames_dir
-    if info.layout != EYE_FILES or folder is None or not (folder.is_dir() and job.scene.is_dir()):
+def _check_folders(job: Job, info: SceneInfo, layout: str) -> None:
+    """Refuse eyes in a folder whose own eyes are known by their names alone."""
+    if info.layout != EYE_FILES or not job.scene.is_dir():
         return
-    if job.scene.samefile(folder):
-        raise OutputError(f"{folder}: is the scene, whose eyes could not be told from the pictures")
-
-
-def lost_of_hdr(output: OutputOptions, layout: str) -> Iterator[str]:
-    """Yield what does not come out right of high dynamic range."""
-    if layout == StereoLayout.ANAGLYPH:
-        yield "anaglyph mixes the eyes as if they were of ordinary range, not of high dynamic range"
-    if output.output is None:
-        return
-    if (output.codec or CODECS[container_of(output.output)][0]) == VideoCodec.VP9:
-        yield f"{output.output}: vp9 keeps 8 bits, few for high dynamic range: av1 keeps 10"
+    output = job.output.output
+    for folder in (
+        job.output.frames_dir,
+        output.parent if output is not None and layout == StereoLayout.VIEWS else None,
+    ):
+        if folder is not None and folder.is_dir() and job.scene.samefile(folder):
+            raise OutputError(
+                f"{folder}: is the scene, whose eyes could not be told from what is written"
+            )
 
 
 def _pixel_aspect(info: SceneInfo, grid: Grid) -> Fraction:

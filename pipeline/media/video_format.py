@@ -196,6 +196,27 @@ class VideoFormat:
         return 16 if self.lossless else 10
 
 
+def lost_of_hdr(path: Path | None, codec: str | None, layout: str) -> tuple[str, ...]:
+    """Return what does not come out right of high dynamic range, a sentence each.
+
+    Parameters
+    ----------
+    path : Path or None
+        The video, if one is written.
+    codec : str or None
+        None: the container's first.
+    layout : str
+    """
+    lost = []
+    if layout == StereoLayout.ANAGLYPH:
+        lost.append(
+            "anaglyph mixes the eyes as if they were of ordinary range, not of high dynamic range"
+        )
+    if path is not None and (codec or CODECS[container_of(path)][0]) == VideoCodec.VP9:
+        lost.append(f"{path}: vp9 keeps 8 bits, few for high dynamic range: av1 keeps 10")
+    return tuple(lost)
+
+
 _NAME_TOKENS = {
     StereoLayout.SBS: "_3D_SBS_LR",
     StereoLayout.HALF_SBS: "_3D_HSBS_LR",

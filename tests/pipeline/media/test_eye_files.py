@@ -189,11 +189,14 @@ def test_of_eyes_that_differ_in_length_what_both_have_is_read_and_said(tmp_path,
         assert any("the first 2, which both eyes have" in text for text in source.info.warnings)
 
 
-def test_pictures_are_not_written_among_eyes(tmp_path):
+@pytest.mark.parametrize("output", [{"frames_dir": ""}, {"output": "out.mkv", "layout": "views"}])
+def test_eyes_are_not_written_among_eyes(tmp_path, output):
     """Where a resumed run would take them for a second pair."""
+    for key in {"frames_dir", "output"} & set(output):
+        output = {**output, key: tmp_path / output[key]}
     write_video(tmp_path / "clip_L.mkv", 1)
     write_video(tmp_path / "clip_R.mkv", 2)
-    job = Job(scene=tmp_path, settings=Settings(), output=OutputOptions(frames_dir=tmp_path))
+    job = Job(scene=tmp_path, settings=Settings(), output=OutputOptions(**output))
     with pytest.raises(OutputError, match="could not be told"):
         run_job(job)
-    assert len(list(tmp_path.glob("*.png"))) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["clip_L.mkv", "clip_R.mkv"]
