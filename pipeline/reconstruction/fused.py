@@ -30,7 +30,7 @@ from pipeline.reconstruction import agreement, kernels
 from pipeline.reconstruction.learned import REACH, LearnedFilters
 from pipeline.reconstruction.parts import Box, covering_boxes, on_hr_grid, widened, within
 from pipeline.reconstruction.psf import Psf, SeparableTaps, psf_taps, sampling_taps
-from pipeline.reconstruction.realign import realigned
+from pipeline.reconstruction.realign import ROUNDS, realigned
 from pipeline.reconstruction.restoration import Restoration, bicubic_filter, restoration_of
 from pipeline.reconstruction.system import (
     DATA_SHARE,
@@ -105,7 +105,9 @@ class FusedTuning:
     box: int = 5
     """Side of the box over which its square is averaged, LR pixels."""
     agreeing: float = 0.62
-    """Mean weight of what may have one, below which a view's landing points are corrected."""
+    """Mean weight of what may have one, below which a view's landing points are corrected, …"""
+    corrections: int = ROUNDS
+    """… in so many steps."""
     alone: float = 0.9
     """Conjugate-gradient steps from the reference alone, before the others are weighed, at noise
     1; in inverse proportion to the noise, rounded down."""
@@ -118,6 +120,9 @@ class FusedTuning:
     to the noise: the less there is, the less the prior says."""
     data_share: float = DATA_SHARE
     """What the preconditioner adds for the observations."""
+    stretch: float | None = None
+    """How many times as far as the step before it the last one goes, if need be; None: as far as
+    its direction tells, which costs a multiplication by the matrix."""
     settled: float = 0.06
     """Share of its first gradient at which a descent has come far enough, at noise 1 and σ_psf
     1; …"""
@@ -373,7 +378,7 @@ def fuse(
             estimate, scale, strength, plan if most is None else min(plan, most),
             hold=max(1, round(tuning.hold / noise)),
             settled=settled_share(noise, psf.sigma, tuning), data_share=tuning.data_share,
-            stop=stop,
+            stretch=tuning.stretch, stop=stop,
         )  # fmt: skip
 
     is_alone = len(registered) == 1
@@ -401,7 +406,9 @@ def fuse(
             agreeing = found.mean() if is_correctable else np.inf
             # what is possible is counted where it may matter
             if agreeing < tuning.agreeing and agreeing < tuning.agreeing * _possible(view):
-                points[index] = realigned(coefficients, points[index], view.observed, noise, grid)
+                points[index] = realigned(
+                    coefficients, points[index], view.observed, noise, grid, tuning.corrections
+                )
                 flags[index] = view.flags.copy()
                 found = agreement_of(index)
             return found

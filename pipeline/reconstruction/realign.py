@@ -41,6 +41,7 @@ def realigned(
     observed: GreyImage,
     noise: float,
     grid: Grid,
+    rounds: int = ROUNDS,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Return a view's landing points x and y, HR pixels, corrected.
 
@@ -54,13 +55,15 @@ def realigned(
         Grey levels.
     noise : float
         Grey levels.
+    rounds : int
+        Steps.
     """
     x, y = points
     pixels = np.array(observed)  # a writable copy, for one compilation
     height, width = observed.shape
     scale = np.float32(ERROR[0] + ERROR[1] * noise)
     least = CERTAINTY * (1 + noise**2) * CELL**2
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         sums = np.zeros((5, -(-height // CELL), -(-width // CELL)), np.float32)
         kernels.sum_gradients(coefficients, x, y, pixels, scale, CELL, sums)
         xx, xy, yy, xe, ye = (cv2.GaussianBlur(plane, (3, 3), WINDOW) for plane in sums)

@@ -210,6 +210,7 @@ class NormalEquations:
         hold: int = 1,
         settled: float = 0.0,
         data_share: float = DATA_SHARE,
+        stretch: float | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> HrImage:
         """Return the estimate after some steps of conjugate gradients, a new array.
@@ -233,6 +234,9 @@ class NormalEquations:
             prior being weighed anew.
         data_share : float
             What the preconditioner adds for the observations.
+        stretch : float, optional
+            How many times as far as the step before it the last of them goes; its direction is not
+            multiplied by the matrix then. Default: as far as that tells.
         stop : callable, optional
             Polled before every step; true ends the work.
         """
@@ -254,12 +258,18 @@ class NormalEquations:
             )  # fmt: skip
             image, next_image = next_image, image
             residual, next_residual = next_residual, residual
-            step = 0.0
+            taken, step = step, 0.0
             first = energy if first is None else first
             held = 0 if renew else held
             if renew and energy <= settled**2 * first:
                 break
             factor = energy / previous if done else 0.0
+            if stretch is not None and 0 < done == steps - 1:
+                step = stretch * taken
+                self._advance(step, sharpened, np.float32(0), image)
+                step *= factor
+                done += 1
+                break
             curvature = self._turn(
                 sharpened, factor, direction, prior, unit, next_direction, applied
             )
@@ -272,10 +282,12 @@ class NormalEquations:
             done += 1
         self.steps += done
         out = image.copy()
-        map_threads(
-            lambda band: sweeps.advance(step, direction, self._level, *band, out), self._bands
-        )
+        self._advance(step, direction, self._level, out)
         return out
+
+    def _advance(self, step: float, direction: HrImage, level: np.float32, image: HrImage) -> None:
+        """Add a step along a direction and a level to an image, in place."""
+        map_threads(lambda band: sweeps.advance(step, direction, level, *band, image), self._bands)
 
     def _rooms(self) -> list[HrImage]:
         """Return arrays to work in, of whatever they held."""

@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.registration import motions
-from pipeline.registration.again import PASSES
 from pipeline.registration.method import MotionModel
 from pipeline.registration.motions import Pass
 from pipeline.registration.prepare import PreparedView
@@ -29,7 +28,7 @@ from pipeline.registration.windows import (
     well_fitted,
 )
 
-MOVED_PASSES = (Pass(level=1, iterations=2), *PASSES)
+MOVED_PASSES = (Pass(level=1, iterations=2), Pass(level=0, iterations=2))
 """The depth of what comes into view is that of the depth map, pixels off; a coarse pass first."""
 
 STRAYED = 2.0

@@ -26,12 +26,13 @@ QUIET = 1.0
 and what of the reference alone has not been found yet passes for disagreement of the others."""
 
 MOVED = FusedTuning(
-    together=9, hold=4.2, prior_strength=0.14, prior_noise_powers=(1.75, 1.75),
-    prior_psf_powers=(-1.0, -1.35), data_share=0.015,
+    together=8, hold=4.2, prior_strength=0.14, prior_noise_powers=(1.75, 1.75),
+    prior_psf_powers=(-1.0, -1.35), data_share=0.015, stretch=2.5, corrections=1,
 )  # fmt: skip
 """Work from a cold start where the camera has moved, of two views and at σ_psf 1: few steps smooth
 by themselves, and leave less to the prior, which at noise 2 is weighed anew in every second one;
-with so few observations they may go farther. More views need no more steps as it is."""
+with so few observations they may go farther. What is left to do after so few steps lies where the
+last one goes, which is not asked how far. More views need no more steps as it is."""
 
 MOVED_FROM = 1.0
 """Noise from which so few steps are enough: with less of it there is more to find, grey levels."""

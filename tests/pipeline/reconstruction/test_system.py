@@ -500,6 +500,28 @@ def test_weighing_the_prior_anew_goes_down_to_where_the_penalty_is_least(hold):
         assert objective(other) > least
 
 
+def test_a_last_step_that_is_not_measured_goes_on_from_the_one_before_it():
+    system = _system(_observations(count=(20, 30)))
+    start = np.full(HR_SHAPE, 120, np.float32)
+
+    def after(steps, **options):
+        return system.descend(start, 5.0, 0.3, steps, hold=20, **options)
+
+    solution = after(200)
+
+    def away(image):
+        return np.abs(image - solution).mean()
+
+    assert away(after(6)) < away(after(6, stretch=1.0)) < away(after(5))
+    # in proportion to the stretch, along what the gradient and the steps before tell
+    once, twice = (after(6, stretch=stretch) - after(5) for stretch in (1.0, 2.0))
+    np.testing.assert_allclose(twice, 2 * once, atol=1e-3)
+    measured = after(6) - after(5)
+    along = float((once * measured).sum())
+    assert along > 0.999 * np.linalg.norm(once) * np.linalg.norm(measured)
+    np.testing.assert_array_equal(after(1, stretch=2.0), after(1))
+
+
 def test_a_descent_that_has_come_far_enough_ends():
     system = _system(_observations(count=(20, 30)))
     start = np.full(HR_SHAPE, 120, np.float32)
