@@ -236,7 +236,8 @@ class NormalEquations:
             What the preconditioner adds for the observations.
         stretch : float, optional
             How many times as far as the step before it the last of them goes; its direction is not
-            multiplied by the matrix then. Default: as far as that tells.
+            multiplied by the matrix then, and what is due is weighed for the one before it.
+            Default: as far as the matrix tells.
         stop : callable, optional
             Polled before every step; true ends the work.
         """
@@ -251,7 +252,7 @@ class NormalEquations:
         previous = step = 0.0
         held, done = hold, 0
         while done < steps and not (stop is not None and stop()):
-            renew = held >= hold
+            renew = _weighs_anew(held, hold, steps - done, stretch is not None and done > 0)
             energy, along = self._look(
                 step, image, direction, residual, applied, renew, prior, scale, unit, data_share,
                 next_image, next_residual, sharpened,
@@ -344,6 +345,29 @@ class NormalEquations:
             self._bands,
         )  # fmt: skip
         return float(sum(energy for energy, _ in parts)), float(sum(along for _, along in parts))
+
+
+def _weighs_anew(held: int, hold: int, left: int, is_stretched: bool) -> bool:
+    """Return whether the prior is weighed anew for a step.
+
+    Parameters
+    ----------
+    held, hold : int
+        Steps since it was, and for how many it holds.
+    left : int
+        Steps to do, this one among them.
+    is_stretched : bool
+        Whether the last of them is: what is due for it, or just before, is weighed for the last
+        but one.
+
+    >>> [_weighs_anew(held, 2, left, True) for held, left in ((2, 4), (2, 3), (3, 2), (1, 1))]
+    [True, False, True, False]
+    """
+    if not is_stretched or left > 3:
+        return held >= hold
+    if left == 2:
+        return held >= hold - 1
+    return left == 3 and held >= hold == 1
 
 
 def _unit(strength: float, scale: float) -> float:
