@@ -404,12 +404,15 @@ class Memory:
         return not shapes or shapes == {frame.lr_shape}
 
     def restored(self, target: str) -> Restored | None:
-        """Return what a target's last frame leaves to one that is made of the target alone."""
+        """Return what a target's last frame leaves to one that is made of the target alone.
+
+        Its estimate may be written over; other solvers than the fused one keep theirs.
+        """
         solved = self._solved.get(target)
         if self.previous is None or solved is None or solved.frames is None:
             return None
         return solved.restored or Restored(
-            estimate=solved.result.estimate, shown=solved.shown,
+            estimate=np.require(solved.result.estimate, requirements="W"), shown=solved.shown,
             frames=np.full_like(solved.frames, np.inf),
         )  # fmt: skip
 
