@@ -99,9 +99,17 @@ class Again:
     """(rows, columns): their cells."""
 
 
-def count_changes(now: PreparedView, before: PreparedView, noise: float) -> Counts:
-    """Return how many pixels have changed between two frames of a view, in picture or in depth."""
-    return cv2.integral(_changed_pixels(now, before, noise).astype(np.uint8))
+def count_changes(
+    now: PreparedView, before: PreparedView, noise: float, lagging: Mask | None = None
+) -> Counts:
+    """Return how many pixels have changed between two frames of a view, in picture or in depth.
+
+    Those that have lagged behind are among them.
+    """
+    changed = _changed_pixels(now, before, noise)
+    if lagging is not None:
+        changed |= lagging
+    return cv2.integral(changed.astype(np.uint8))
 
 
 def _changed_pixels(now: PreparedView, before: PreparedView, noise: float) -> Mask:

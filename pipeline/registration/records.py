@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -60,3 +60,5 @@ class Previous:
     has_moved: bool = False
     """Whether the next frame shows it from another place: of the registrations, only how the views
     stand to one another holds."""
+    lagging: Mapping[str, Mask] = field(default_factory=dict)
+    """By view, (H, W): pixels that have changed little by little, and are fitted anew."""

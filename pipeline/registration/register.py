@@ -156,9 +156,7 @@ def register_some(
         prepared, targets, due, method, noise=noise, thresholds=thresholds, previous=previous
     )
     kept = _by_views(previous, targets)
-    changed = {
-        name: count_changes(prepared[name], previous.prepared[name], noise) for name in targets
-    }
+    changed = {name: _changes(name, prepared, previous, noise) for name in targets}
 
     def missed(target: str, source: str) -> ViewRegistration:
         old = kept[target, source]
@@ -191,7 +189,7 @@ def _register_again(
     old = _by_views(previous, targets)
 
     def changes(name: str) -> Counts:
-        return count_changes(prepared[name], previous.prepared[name], noise)
+        return _changes(name, prepared, previous, noise)
 
     changed = dict(zip(names, map_threads(changes, names), strict=True))
 
@@ -336,6 +334,13 @@ def _depth_fits(
 
     befores = ((source, onto_another(source)) for source in sources)
     return all(before is None or depth_fits(prepared[source], before) for source, before in befores)
+
+
+def _changes(
+    name: str, prepared: Mapping[str, PreparedView], previous: Previous, noise: float
+) -> Counts:
+    """Return how many pixels of a view are not what they were in the previous frame."""
+    return count_changes(prepared[name], previous.prepared[name], noise, previous.lagging.get(name))
 
 
 def _together(

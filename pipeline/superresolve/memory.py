@@ -21,6 +21,7 @@ from pipeline.registration.register import Previous, ViewRegistration
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.temporal.drift import KEPT, detail_of, goes_on_changing
 from pipeline.temporal.initial import BlockMatch, match_blocks
+from pipeline.temporal.lagging import has_few_tiles, much_lags
 from pipeline.temporal.moving import has_moved
 from pipeline.temporal.still import Still, first_seen, seen_again
 from pipeline.threads import map_threads
@@ -96,6 +97,12 @@ class Memory:
         self.forget()
         self._details, self._detailed = details, detailed
 
+    def begin_apart(self) -> None:
+        """Start a new chain, but let the means go on: they tell how long the picture changes."""
+        still = self.still
+        self.begin_again()
+        self.still = still
+
     def noise(self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]) -> float:
         """Return the noise of the settings, or that of the frame's views, grey levels.
 
@@ -151,9 +158,14 @@ class Memory:
 
     def move_on(self) -> None:
         """Keep of the registration so far only what holds wherever the rig is."""
-        self._stands_since = self.turn
+        self.stand_again()
         if self.previous is not None:
             self.previous = replace(self.previous, has_moved=True)
+
+    def to_go_on_from(self) -> Previous | None:
+        """Return what the previous frame left, and what of that has proved to lag behind."""
+        lagging = {name: still.begun for name, still in self.still.items() if still.lagging.any()}
+        return None if self.previous is None else replace(self.previous, lagging=lagging)
 
     def known_views(self) -> dict[str, tuple[list[RegisteredView], list[GreyImage]]]:
         """Return the views registered onto each target, as they were when last looked at.
@@ -211,6 +223,37 @@ class Memory:
         From one to the next motions are found from means of more frames.
         """
         return self.turn - self._stands_since
+
+    def lags(self, targets: Sequence[str]) -> bool:
+        """Return whether much of what was kept of a target has just proved to lag behind.
+
+        Of small pictures, whether much of any view has.
+        """
+        looked_at = [self.still[target] for target in targets]
+        if has_few_tiles(looked_at[0].mean.shape):
+            looked_at = list(self.still.values())
+        return any(much_lags(still.lagging) for still in looked_at)
+
+    def begins_to_lag(self, targets: Sequence[str]) -> bool:
+        """Return whether what was kept of a target begins to lag behind."""
+        return any(self.still[target].begins_to_lag for target in targets)
+
+    def lags_all_over(self, targets: Sequence[str]) -> bool:
+        """Return whether all of what was kept of a target has just proved to lag behind."""
+        return any(self.still[target].lagging.all() for target in targets)
+
+    def solve_again(self) -> None:
+        """Let the next frame solve all of its targets again, from what the last one left."""
+        self._solved = {
+            target: replace(
+                solved, frames=None if solved.frames is None else np.zeros_like(solved.frames)
+            )
+            for target, solved in self._solved.items()
+        }
+
+    def stand_again(self) -> None:
+        """Count the frames that were registered from this one on."""
+        self._stands_since = self.turn
 
     def miss(self, view_ids: Sequence[str]) -> None:
         """Note what has changed of views in a frame in which nothing landed anew."""

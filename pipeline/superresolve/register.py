@@ -28,7 +28,9 @@ from pipeline.superresolve.choices import chosen_method, default_weight_threshol
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.superresolve.stages import Stages
+from pipeline.temporal.lagging import has_few_tiles
 from pipeline.temporal.neighbours import with_neighbours
+from pipeline.temporal.still import Still, first_seen
 from pipeline.threads import set_threads, stoppable
 
 PICTURE_LAYERS = 11
@@ -87,13 +89,26 @@ def register_frame(
         if is_cut and memory is not None:
             memory.forget()
             matches, noise = {}, memory.noise(frame, settings, sources)
-        if memory is not None and memory.drifts(frame, targets, noise):
-            has_moved = bool(matches)
+        is_small = has_few_tiles(frame.lr_shape)
+        drifts = memory is not None and memory.drifts(frame, targets, noise)
+        if drifts:
+            has_moved = bool(matches) and not is_small
         if has_moved and memory is not None:
             memory.move()
             matches = {}
+        still: Mapping[str, Still] = {}
         if memory is not None:
             averaged = memory.averaged(frame, noise)
+            if matches and is_small and (drifts or memory.lags(targets)):
+                is_cut = True
+                memory.begin_apart()
+                matches, noise = {}, memory.noise(frame, settings, sources)
+                averaged = frame
+            elif matches and memory.lags_all_over(targets):
+                has_moved = True
+                memory.move()
+                matches = {}
+                averaged = memory.averaged(frame, noise)
             if matches and all(
                 matches[target].share_in_place(memory.still[target].changed) > IN_PLACE
                 for target in targets
@@ -102,10 +117,18 @@ def register_frame(
                 memory.begin_again()
                 matches, noise = {}, memory.noise(frame, settings, sources)
                 averaged = memory.averaged(frame, noise)
+            elif matches and memory.lags(targets):
+                memory.stand_again()
+            still = {
+                target: first_seen(frame.view(target).luma)
+                if averaged is frame
+                else memory.still[target]
+                for target in targets
+            }
             frame = averaged
             if not added:
                 widened = frame
-        previous = None if memory is None else memory.previous
+        previous = None if memory is None else memory.to_go_on_from()
         observed = due = (*sources, *added)
         if previous is None or previous.has_moved:
             observed = due = (*near, *added)
@@ -132,7 +155,7 @@ def register_frame(
         targets=targets,
         sources=tuple(name for name in observed if name in sources),
         near=(*near, *added),
-        still={} if memory is None else {target: memory.still[target] for target in targets},
+        still=still,
         psf=psf,
         noise=noise,
         registrations=registrations,

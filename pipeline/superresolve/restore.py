@@ -90,14 +90,16 @@ def swift_frame(
     Nothing is registered: what has changed lands by its depth maps, which the frames registered
     before have shown to be right. None where this frame has to be registered: one in
     ``REGISTER_EVERY``, the first ones of a chain, one of which much has changed or that goes on
-    changing all over, or where depth says too little. What the memory knew is then as it was.
+    changing all over, or where depth says too little. What the memory knew is then as it was, but
+    that what has lagged behind is solved again.
 
     Parameters
     ----------
     effort : Effort, optional
         Where a rate is held: then one registered frame is enough, and none has its turn.
     """
-    if effort is None and (
+    is_held = effort is not None
+    if not is_held and (
         frame.frame_index % REGISTER_EVERY == 0 or memory.frames_stood <= max(AGAIN)
     ):
         return None
@@ -117,8 +119,11 @@ def swift_frame(
         averaged = memory.averaged(frame, noise)
         shares = [memory.still[target].touched.mean() for target in targets]
         drifts = memory.drifts(frame, targets, noise)
-        if memory.is_quieter or drifts or max(shares) > MUCH_CHANGED:
+        lags = memory.lags(targets) or (not is_held and memory.begins_to_lag(targets))
+        if memory.is_quieter or drifts or lags or max(shares) > MUCH_CHANGED:
             memory.seen = before
+            if lags:
+                memory.solve_again()
             return None
         memory.land(averaged, near, nearness)
     return _made(averaged, settings, targets, near, psf, noise, memory, effort, clock, stop)

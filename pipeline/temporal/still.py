@@ -16,6 +16,7 @@ import numpy.typing as npt
 from numba import njit
 
 from pipeline.frames import GreyImage, Mask
+from pipeline.temporal.lagging import has_few_tiles, lagging_tiles, tile_pixels, tiles_of
 
 MOST_FRAMES = 4
 """Weight of the mean against a new frame, at most, frames: older ones fade."""
@@ -59,18 +60,30 @@ class Still:
     """(H, W): frames that the mean is worth, 1 where something has changed."""
     changed: Mask
     """(H, W): whether the pixel began a new mean with the last frame."""
+    touched: Mask
+    """(H, W): what has changed, and what lies within ``CHANGE_REACH`` of it."""
+    away: GreyImage
+    """(H, W): how the last frame's detail differed from the mean before it, grey levels."""
+    lagging: Mask
+    """(rows, columns) of tiles: whether the mean of them has lagged behind."""
+    begins_to_lag: bool = False
+    """Whether those of the others begin to."""
 
     @functools.cached_property
-    def touched(self) -> Mask:
-        """(H, W): what has changed, and what lies within ``CHANGE_REACH`` of it."""
-        side = 2 * CHANGE_REACH + 1
-        return cv2.dilate(self.changed.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    def begun(self) -> Mask:
+        """(H, W): whether the pixel lies in such a tile."""
+        return tile_pixels(self.lagging, self.changed.shape)
 
 
 def first_seen(luma: GreyImage) -> Still:
     """Return what is known after one frame."""
     return Still(
-        mean=luma, count=np.ones(luma.shape, np.float32), changed=np.ones(luma.shape, np.bool_)
+        mean=luma,
+        count=np.ones(luma.shape, np.float32),
+        changed=np.ones(luma.shape, np.bool_),
+        touched=np.ones(luma.shape, np.bool_),
+        away=np.zeros_like(luma),
+        lagging=np.zeros(tiles_of(luma.shape), np.bool_),
     )
 
 
@@ -98,9 +111,25 @@ def seen_again(luma: GreyImage, before: Still, noise: float) -> Still:
     _judge(before.count, power, wide, np.float32(noise), found)
     # what changes is wider than a pixel, what noise feigns is not
     found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    reached = _reached(found)
+    away, lagging, begins_to_lag = lagging_tiles(
+        smooth, wide, before.away, before.count, reached, noise
+    )
+    if lagging.any() and not has_few_tiles(luma.shape):
+        found[tile_pixels(lagging, found.shape)] = 1
+        reached = _reached(found)
     mean, count = np.empty_like(before.mean), np.empty_like(before.count)
     _average(luma, found, before.mean, before.count, mean, count)
-    return Still(mean=mean, count=count, changed=found.view(np.bool_))
+    return Still(
+        mean=mean, count=count, changed=found.view(np.bool_), touched=reached.view(np.bool_),
+        away=away, lagging=lagging, begins_to_lag=begins_to_lag,
+    )  # fmt: skip
+
+
+def _reached(found: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Return what changes reach, themselves included."""
+    side = 2 * CHANGE_REACH + 1
+    return cv2.dilate(found, np.ones((side, side), np.uint8))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

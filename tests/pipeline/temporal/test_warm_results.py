@@ -249,6 +249,50 @@ def test_what_changes_slowly_all_over_is_no_worse_than_cold(larger, changed, tem
         assert scores[0] > scores[1] - 0.05
 
 
+def _half_dissolving(picture, other, number):
+    half = np.arange(picture.shape[1]) < picture.shape[1] // 2
+    return picture + (other - picture) * half * np.float32(number / 24)
+
+
+def _slowly_softer(picture, other, number):
+    return cv2.GaussianBlur(picture, (0, 0), 0.5 + 0.05 * number)
+
+
+@pytest.mark.parametrize("temporal", ["swift", "warm"])
+@pytest.mark.parametrize(
+    ("changed", "width", "last"), [(_slowly_softer, 256, 14), (_half_dissolving, 128, 20)]
+)
+def test_what_changes_slowly_or_in_part_is_no_worse_than_cold(changed, width, last, temporal):
+    """Too slowly, or in too few blocks of too small a picture, for all to be seen to change."""
+    scene = replace(SCENE, width=width, height=width * 3 // 4)
+    still = scene.frame(0)
+    pictures, others = (
+        [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32) for picture in shown]
+        for shown in (scene.render_all(0.0), replace(scene, seed=1).render_all(0.0))
+    )
+    warm, cold = (Worker(_settings(kind), targets=TARGETS) for kind in (temporal, "cold"))
+    for number in range(last + 1):
+        chance = np.random.default_rng(number)
+        truth = [changed(*both, number) for both in zip(pictures, others, strict=True)]
+        views = tuple(
+            replace(
+                view,
+                luma=scene.observe(hr_image, noise_sigma=NOISE, noise=chance).astype(np.float32),
+            )
+            for view, hr_image in zip(still.views, truth, strict=True)
+        )
+        frame = replace(still, frame_index=number, views=views)
+        ours = warm.take(frame)
+        if number < last - 1:
+            continue
+        other = cold.take(frame)
+        for target, place in zip(TARGETS, scene.reference_views, strict=True):
+            scores = [
+                psnr(one.images[target].luma, truth[place], border=8) for one in (ours, other)
+            ]
+            assert scores[0] > scores[1] - 0.05, number
+
+
 def _pursued(frames, solver):
     """Return frame 1, registered, and the memory of frame 0."""
     memory, settings = Memory(), _settings(solver=solver)
