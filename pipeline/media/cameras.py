@@ -8,11 +8,13 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
+from itertools import pairwise
+from statistics import median
 
 import av
 import av.error
@@ -46,6 +48,10 @@ UNTOLD_FPS = Fraction(25)
 
 QUALITY = 92
 """Of JPEG."""
+
+_NO_STAMPS = 0x80
+"""FFmpeg's mark of formats whose pictures tell no time (AVFMT_NOTIMESTAMPS): what it says of that,
+and of the rate, is made up."""
 
 _OPTIONS = {
     "rtsp_transport": "tcp", "fflags": "nobuffer", "flags": "low_delay",
@@ -253,17 +259,24 @@ class _Reader:
                 raise OSError(0, "there is no video in it")
             stream = container.streams.video[0]
             stream.thread_type = "SLICE"  # threads by frames would hold pictures back
-            self.fps = _rate_of(stream)
+            has_stamps = not int(container.format.flags) & _NO_STAMPS
+            self.fps = _rate_of(stream) if has_stamps else None
+            heard: list[int] = []
             clock, settled = SteadyClock(), time.monotonic() + SETTLE
             for frame in container.decode(stream):
                 if self._stop.is_set():
                     return count
                 came = time.time_ns()
-                stamp = frame.time
-                taken = came if stamp is None else clock.taken(round(stamp * 1e9), came)
+                taken, stamp = came, frame.time
+                if has_stamps and stamp is not None:
+                    taken = clock.taken(round(stamp * 1e9), came)
+                heard.append(came)
                 if time.monotonic() >= settled:
+                    if self.fps is None and not count:
+                        self.fps = measured_rate(heard)
                     self._tell(taken, came, frame)
                     count += 1
+                    heard.clear()
         return count
 
     def _tell(self, taken: int, came: int, frame: av.VideoFrame) -> None:
@@ -272,6 +285,17 @@ class _Reader:
         self._problem = ""
         self._came.set()
         self._on_frame(taken, came, frame)
+
+
+def measured_rate(came: Sequence[int]) -> Fraction | None:
+    """Return a whole number of pictures a second by when they came, ns; None: too few came.
+
+    >>> measured_rate([0, 1, 2, 101_000_000, 199_000_000, 300_000_000, 400_000_000])
+    Fraction(10, 1)
+    """
+    gaps = [later - earlier for earlier, later in pairwise(came)]
+    usual = median(gaps) if gaps else 0
+    return Fraction(max(1, round(1e9 / usual))) if HIGHEST_FPS * usual >= 1e9 else None
 
 
 def _rate_of(stream: av.VideoStream) -> Fraction | None:

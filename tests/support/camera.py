@@ -1,4 +1,4 @@
-"""A camera on the network: H.264 in MPEG-TS over TCP, at the pace of the clock."""
+"""A camera on the network: H.264 in MPEG-TS, or JPEG, over TCP, at the pace of the clock."""
 
 from __future__ import annotations
 
@@ -27,12 +27,16 @@ class TcpCamera:
         Instant 0, seconds of the monotonic clock: the same for all cameras of a rig.
     late : float
         How long a picture takes to be sent, seconds.
+    has_stamps : bool
+        False: it sends JPEG, which tells no time and no rate.
     """
 
     def __init__(
-        self, begun: float, *, fps: int = 4, size: tuple[int, int] = (64, 48), late: float = 0.0
-    ) -> None:
+        self, begun: float, *, fps: int = 4, size: tuple[int, int] = (64, 48), late: float = 0.0,
+        has_stamps: bool = True,
+    ) -> None:  # fmt: skip
         self._begun, self._fps, self._size, self._late = begun, fps, size, late
+        self._has_stamps = has_stamps
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = self._listener.getsockname()[1]
         self._stop = threading.Event()
@@ -79,10 +83,14 @@ class TcpCamera:
 
     def _send(self, connection: socket.socket) -> None:
         out = io.BytesIO()
-        container = av.open(out, "w", format="mpegts", options={"flush_packets": "1"})
-        stream = container.add_stream("libx264", rate=self._fps, options=_FAST)
+        form, codec, options = (
+            ("mpegts", "libx264", _FAST) if self._has_stamps else ("mpjpeg", "mjpeg", {})
+        )
+        container = av.open(out, "w", format=form, options={"flush_packets": "1"})
+        stream = container.add_stream(codec, rate=self._fps, options=options)
         width, height = self._size
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.width, stream.height = width, height
+        stream.pix_fmt = "yuv420p" if self._has_stamps else "yuvj420p"
         number = int((time.monotonic() - self._begun) * self._fps) + 1
         first = number
         while not self._cut.is_set():
@@ -91,7 +99,7 @@ class TcpCamera:
                 return
             planes = np.full((height * 3 // 2, width), 128, np.uint8)
             planes[:height] = level_of(number)
-            frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
+            frame = av.VideoFrame.from_ndarray(planes, format=stream.pix_fmt)
             frame.pts = number - first
             for packet in stream.encode(frame):
                 container.mux(packet)

@@ -81,6 +81,23 @@ def test_pictures_of_one_instant_come_together():
 
 
 @pytest.mark.usefixtures("patient")
+def test_pictures_that_tell_no_time_were_taken_when_they_came(monkeypatch):
+    """FFmpeg says of JPEG that 25 were taken a second, however many come."""
+    monkeypatch.setattr(instants, "FORGOTTEN", 10**15)
+    begun = time.monotonic()
+    with (
+        TcpCamera(begun, has_stamps=False) as camera,
+        Cameras({"left": camera.address}, threading.Event()) as rig,
+    ):
+        taken: list[int] = []
+        for instant in rig.instants():
+            taken.append(instant.taken)
+            if len(taken) > 6 and taken[-1] - taken[-7] > 0.5e9:  # of 1.5 s
+                break
+            assert time.monotonic() - begun < PATIENCE
+
+
+@pytest.mark.usefixtures("patient")
 def test_frames_that_nobody_takes_in_time_are_counted(monkeypatch):
     monkeypatch.setattr(instants, "LATE", 0)
     with (
