@@ -16,7 +16,7 @@ import numpy.typing as npt
 from numba import njit
 
 from pipeline.frames import GreyImage, Mask
-from pipeline.temporal.lagging import has_few_tiles, lagging_tiles, tile_pixels, tiles_of
+from pipeline.temporal.lagging import Away, has_few_tiles, lagging_tiles, tile_pixels, tiles_of
 
 MOST_FRAMES = 4
 """Weight of the mean against a new frame, at most, frames: older ones fade."""
@@ -62,8 +62,8 @@ class Still:
     """(H, W): whether the pixel began a new mean with the last frame."""
     touched: Mask
     """(H, W): what has changed, and what lies within ``CHANGE_REACH`` of it."""
-    away: GreyImage
-    """(H, W): how the last frame's detail differed from the mean before it, grey levels."""
+    away: Away
+    """How the last frames differed from the means before them."""
     lagging: Mask
     """(rows, columns) of tiles: whether the mean of them has lagged behind."""
     begins_to_lag: bool = False
@@ -82,7 +82,7 @@ def first_seen(luma: GreyImage) -> Still:
         count=np.ones(luma.shape, np.float32),
         changed=np.ones(luma.shape, np.bool_),
         touched=np.ones(luma.shape, np.bool_),
-        away=np.zeros_like(luma),
+        away=Away.none(luma.shape),
         lagging=np.zeros(tiles_of(luma.shape), np.bool_),
     )
 
@@ -113,7 +113,7 @@ def seen_again(luma: GreyImage, before: Still, noise: float) -> Still:
     found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     reached = _reached(found)
     away, lagging, begins_to_lag = lagging_tiles(
-        smooth, wide, before.away, before.count, reached, noise
+        difference, smooth, wide, before.away, before.count, reached, noise
     )
     if lagging.any() and not has_few_tiles(luma.shape):
         found[tile_pixels(lagging, found.shape)] = 1
