@@ -112,7 +112,7 @@ _EXACT_X265 = (
 
 _FIXED_X265 = (
     f"log-level=none:info=0:frame-threads=2:pools={ENCODER_THREADS}:open-gop=0:b-pyramid=0"
-    f":bframes=3"
+    ":bframes=3"
 )
 """Bytes that depend on the pictures alone, and segments that need nothing of each other."""
 
@@ -580,7 +580,7 @@ def _codec_parameters(video_format: VideoFormat) -> dict[str, str]:
     if video_format.codec is VideoCodec.HEVC:
         parameters = [_FIXED_X265, _EXACT_X265]
         if said.is_hdr:
-            parameters.append("hdr10-opt=0:repeat-headers=1")
+            parameters.append("repeat-headers=1")
         if said.mastering is not None:
             parameters.append(f"master-display={_mastering(said.mastering, 50_000, 10_000)}")
         if said.light_level is not None:

@@ -102,8 +102,8 @@ def lagging_tiles(
     Parameters
     ----------
     difference, smooth, wide : (H, W) float32
-        The frame less the mean; the same smoothed, and in the mean of a wide box: how bright a
-        picture is does not matter much.
+        The frame less the mean, bounded where it is more than noise; the same smoothed, unbounded,
+        and the bounded one in the mean of a wide box: how bright a picture is does not matter much.
     before : Away
         What this function returned one frame earlier.
     count : (H, W) float32

@@ -57,6 +57,19 @@ def _with_luma(frame, change):
     )
 
 
+def _observed(scene, still, truth, number):
+    """Return a frame in which the views of ``still`` see these HR pictures, with noise."""
+    chance = np.random.default_rng(number)
+    views = tuple(
+        replace(
+            view,
+            luma=scene.observe(hr_image, noise_sigma=NOISE, noise=chance).astype(np.float32),
+        )
+        for view, hr_image in zip(still.views, truth, strict=True)
+    )
+    return replace(still, frame_index=number, views=views)
+
+
 def _both(frames, number):
     """Return frame ``number`` of a warm chain, and the same one cold."""
     warm = Worker(_settings(), targets=TARGETS)
@@ -224,15 +237,8 @@ def test_what_changes_slowly_all_over_is_no_worse_than_cold(larger, changed, tem
     ]
     warm, cold = (Worker(_settings(kind), targets=TARGETS) for kind in (temporal, "cold"))
     for number in range(10):
-        chance, truth = np.random.default_rng(number), changed(pictures, number)
-        views = tuple(
-            replace(
-                view,
-                luma=scene.observe(hr_image, noise_sigma=NOISE, noise=chance).astype(np.float32),
-            )
-            for view, hr_image in zip(still.views, truth, strict=True)
-        )
-        frame = replace(still, frame_index=number, views=views)
+        truth = changed(pictures, number)
+        frame = _observed(scene, still, truth, number)
         ours = warm.take(frame)
         if number < 8:
             continue
@@ -272,16 +278,8 @@ def test_what_changes_slowly_or_in_part_is_no_worse_than_cold(changed, width, la
     )
     warm, cold = (Worker(_settings(kind), targets=TARGETS) for kind in (temporal, "cold"))
     for number in range(last + 1):
-        chance = np.random.default_rng(number)
         truth = [changed(*both, number) for both in zip(pictures, others, strict=True)]
-        views = tuple(
-            replace(
-                view,
-                luma=scene.observe(hr_image, noise_sigma=NOISE, noise=chance).astype(np.float32),
-            )
-            for view, hr_image in zip(still.views, truth, strict=True)
-        )
-        frame = replace(still, frame_index=number, views=views)
+        frame = _observed(scene, still, truth, number)
         ours = warm.take(frame)
         if number < last - 1:
             continue
