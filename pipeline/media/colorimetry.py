@@ -97,3 +97,8 @@ class Colorimetry:
     def is_hdr(self) -> bool:
         """Whether the transfer is one of high dynamic range."""
         return self.transfer in HDR
+
+    @property
+    def says_light(self) -> bool:
+        """Whether it says how bright pictures are, as HDR10 does."""
+        return self.mastering is not None or self.light_level is not None

@@ -411,7 +411,8 @@ def _colorimetry(first: av.VideoFrame) -> Colorimetry:
             mastering = _mastering_display(bytes(data))  # type: ignore[arg-type]
         elif kind == "CONTENT_LIGHT_LEVEL":
             pixel, frame = struct.unpack_from("<II", bytes(data))  # type: ignore[arg-type]
-            light_level = LightLevel(pixel=pixel, frame=frame)
+            if pixel or frame:  # 0 says that nothing is said (ITU-T H.265, D.3.35)
+                light_level = LightLevel(pixel=pixel, frame=frame)
     return Colorimetry.told(
         int(first.color_primaries), int(first.color_trc), mastering, light_level
     )  # fmt: skip

@@ -32,7 +32,7 @@ from pipeline.errors import OutputError
 from pipeline.media.colorimetry import Colorimetry, MasteringDisplay
 from pipeline.media.files import atomic_path, output_error
 from pipeline.media.info import Sound
-from pipeline.media.matroska import set_eye_shape
+from pipeline.media.matroska import ROOM, set_eye_shape, set_light
 from pipeline.media.sound import SoundCopy, holds_sound
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
 from pipeline.media.ycbcr import (
@@ -382,6 +382,8 @@ class _SegmentEncoder:
             self._container.mux(self._stream.encode(None))
             container, self._container = self._container, None
             container.close()
+        if self._format.colorimetry.says_light:
+            set_light(self._temporary, self._format.colorimetry)
         return self._num_frames
 
     def close(self) -> None:
@@ -414,6 +416,8 @@ class _SegmentEncoder:
         if fmt.layout.packed:
             mode = "left_right" if fmt.layout.side_by_side else "top_bottom"
             self._stream.metadata["stereo_mode"] = mode
+        if fmt.colorimetry.says_light:
+            self._stream.metadata["title"] = ROOM
         context = self._stream.codec_context
         context.height, context.width = picture.shape[:2]
         context.pix_fmt = pixels.name

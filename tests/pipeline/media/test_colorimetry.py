@@ -35,7 +35,7 @@ from pipeline.media.lossless import open_lossless
 from pipeline.media.png import encode_png, write_png
 from pipeline.media.probe import describe, format_description
 from pipeline.media.source import open_scene
-from pipeline.media.video_format import Container, VideoCodec, VideoFormat
+from pipeline.media.video_format import CODECS, Container, VideoCodec, VideoFormat
 from pipeline.media.ycbcr import YcbcrMatrix
 from pipeline.run import run_job
 from pipeline.stereo import StereoLayout
@@ -89,6 +89,15 @@ def probed(path) -> dict:
     return json.loads(answer.stdout)["streams"][0]
 
 
+def near(found) -> Colorimetry:
+    """Return what was found, its mastering display that of HDR10 where it is nearly that one."""
+    assert found.mastering is not None
+    for name, value in vars(DISPLAY).items():
+        got = np.asarray(vars(found.mastering)[name], float)
+        np.testing.assert_allclose(got, np.asarray(value, float), atol=1e-4)
+    return replace(found, mastering=DISPLAY)
+
+
 def warnings_of(job) -> list[str]:
     events = []
     run_job(job, on_event=events.append)
@@ -107,16 +116,43 @@ def test_what_is_written_is_read(tmp_path, codec):
     film = write_film(tmp_path / "film.mkv", codec)
     found = told(film)
     if codec is VideoCodec.AV1:  # in parts of 1/65536, luminance in parts of 1/16384
-        assert found.mastering is not None
-        for name, value in vars(DISPLAY).items():
-            near = np.asarray(vars(found.mastering)[name], float)
-            np.testing.assert_allclose(near, np.asarray(value, float), atol=1e-4)
-        found = replace(found, mastering=DISPLAY)
+        found = near(found)
     assert found == HDR10
     said = probed(film)
     assert said["pix_fmt"] == "yuv420p10le"
     assert (said["color_space"], said["color_primaries"]) == ("bt2020nc", "bt2020")
     assert said["color_transfer"] == "smpte2084"
+
+
+@pytest.mark.parametrize(
+    ("container", "codec"), [(kind, codec) for kind, codecs in CODECS.items() for codec in codecs]
+)
+def test_every_container_says_the_light_of_hdr10(tmp_path, container, codec):
+    """Also where the stream itself has no place for it; asked of another project's probe."""
+    write_film(tmp_path / "film.mkv", codec)
+    kind = VideoFormat(
+        container=container, codec=codec, layout=StereoLayout.SBS, fps=Fraction(24)
+    )  # fmt: skip
+    out = tmp_path / f"out.{container}"
+    join_segments([tmp_path / "segment.mkv"], out, kind)
+    assert near(told(out)) == HDR10
+    said = probed(out)
+    assert "title" not in said.get("tags", {})
+    told_of = {item["side_data_type"]: item for item in said["side_data_list"]}
+    display = told_of["Mastering display metadata"]
+    assert [Fraction(display[name]) for name in ("green_x", "min_luminance", "max_luminance")] == [
+        DISPLAY.green[0], DISPLAY.darkest, DISPLAY.brightest
+    ]  # fmt: skip
+    level = told_of["Content light level metadata"]
+    assert (level["max_content"], level["max_average"]) == (900, 400)
+
+
+@pytest.mark.parametrize(
+    "said", [replace(HDR10, light_level=None), replace(HDR10, mastering=None)]
+)  # fmt: skip
+def test_half_of_what_hdr10_says_stays_half(tmp_path, said):
+    """Though x265 writes levels of light that are 0."""
+    assert told(write_film(tmp_path / "film.mkv", VideoCodec.HEVC, said)) == said
 
 
 @pytest.mark.parametrize(
@@ -141,9 +177,10 @@ def test_colours_of_high_dynamic_range_come_out_as_they_went_in(tmp_path):
     (tmp_path / "lossless").mkdir()
     run_job(job_of(film, tmp_path / "lossless", codec="ffv1"))
     path = tmp_path / "lossless" / "out.mkv"
-    assert told(path) == Colorimetry(primaries=BT2020, transfer=PQ)
+    assert told(path) == HDR10
     master = Master(path=path, fps=Fraction(24), first_frame=0, layout=StereoLayout.SBS)
     export(master, OutputOptions(output=tmp_path / "other.mp4", frames_dir=tmp_path / "frames"))
+    assert told(tmp_path / "other.mp4") == HDR10
     said = probed(tmp_path / "other.mp4")
     assert (said["color_space"], said["color_transfer"]) == ("bt2020nc", "smpte2084")
     assert read_header(tmp_path / "frames" / "left-000000.png").colorimetry.is_hdr
