@@ -339,7 +339,7 @@ def write_report(folder: Path, chapters: Sequence[Chapter], origin: Origin) -> l
 def report_text(
     chapters: Sequence[Chapter], origin: Origin, pictures: Mapping[str, str] | None = None
 ) -> str:
-    """Return questions, answers and tables as Markdown.
+    """Return questions, answers and tables as Markdown; first what the chapters say in short.
 
     Parameters
     ----------
@@ -349,8 +349,14 @@ def report_text(
     pictures = pictures or {}
     lines = [
         f"# {TITLE}", "",
-        f"{_when(origin)} with `{origin.command}`. {origin.machine}.",
+        f"{_when(origin)} with `{origin.command}`. {origin.machine}.", "",
+        "## In short", "",
     ]  # fmt: skip
+    lines += [
+        f"- [{chapter.question}](#{_anchor(chapter.title)}) {chapter.answer[0]}"
+        for chapter in chapters
+        if chapter.answer
+    ]
     for chapter in chapters:
         lines += ["", f"## {chapter.title}", "", f"*{chapter.question}*", ""]
         lines += [f"- {sentence}" for sentence in chapter.answer]
@@ -365,6 +371,11 @@ def report_text(
             elif table.rows:
                 lines += ["", f"**{title}**", "", table.as_markdown()]
     return "\n".join(lines) + "\n"
+
+
+def _anchor(title: str) -> str:
+    """Return the address of a heading on a Markdown page, as GitHub makes it."""
+    return re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
 
 
 def _when(origin: Origin) -> str:

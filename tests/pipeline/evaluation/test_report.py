@@ -68,6 +68,7 @@ def test_numbers_are_kept_as_json_and_csv(tmp_path):
     assert names == ["index.html", "report.md", "report.json", "made-1.csv"]
     text = written[1].read_text(encoding="utf-8")
     assert "- It is & stays so.\n" in text
+    assert "## In short\n\n- [Is it so?](#a-title) It is & stays so.\n\n## A <title>\n" in text
     assert "\n| a | b |\n| --- | --: |\n| x, y | 1.5 |\n" in text
     record = json.loads(written[2].read_text(encoding="utf-8"))
     assert record["format"] == "depthsr-evaluation/1"
