@@ -24,22 +24,16 @@ from pipeline.registration.register import (
     register_some,
     register_views,
 )
+from pipeline.superresolve.chain import continued
 from pipeline.superresolve.choices import chosen_method, default_weight_threshold, psf_of
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.superresolve.stages import Stages
-from pipeline.temporal.lagging import has_few_tiles
 from pipeline.temporal.neighbours import with_neighbours
-from pipeline.temporal.still import Still, first_seen
 from pipeline.threads import set_threads, stoppable
 
 PICTURE_LAYERS = 11
 """Depth layers shown in debug pictures where the method has none of its own (thesis Figure 2)."""
-
-
-IN_PLACE = 0.5
-"""Share of a target that changes without moving from which the frame starts cold: it fades, or one
-picture dissolves into another, and what a chain keeps of it would be of the older picture."""
 
 
 def register_frame(
@@ -79,55 +73,10 @@ def register_frame(
     method = chosen_method(settings)
     clock.done("preparation")
     with stoppable(stop):
-        matches = {} if memory is None else memory.matches(frame, targets, noise)
-        is_other = any(match.is_cut for match in matches.values())
-        is_quieter = memory is not None and bool(matches) and memory.is_quieter
-        has_moved = (
-            memory is not None and is_other and not is_quieter and memory.has_moved(frame, targets)
-        )
-        is_cut = is_quieter or (is_other and not has_moved)
-        if is_cut and memory is not None:
-            memory.forget()
-            matches, noise = {}, memory.noise(frame, settings, sources)
-        is_small = has_few_tiles(frame.lr_shape)
-        drifts = memory is not None and memory.drifts(frame, targets, noise)
-        if drifts:
-            has_moved = bool(matches) and not is_small
-        if has_moved and memory is not None:
-            memory.move()
-            matches = {}
-        still: Mapping[str, Still] = {}
-        if memory is not None:
-            averaged = memory.averaged(frame, noise)
-            if matches and is_small and (drifts or memory.lags(targets)):
-                is_cut = True
-                memory.begin_apart()
-                matches, noise = {}, memory.noise(frame, settings, sources)
-                averaged = frame
-            elif matches and memory.lags_all_over(targets):
-                has_moved = True
-                memory.move()
-                matches = {}
-                averaged = memory.averaged(frame, noise)
-            if matches and all(
-                matches[target].share_in_place(memory.still[target].changed) > IN_PLACE
-                for target in targets
-            ):
-                is_cut = True
-                memory.begin_again()
-                matches, noise = {}, memory.noise(frame, settings, sources)
-                averaged = memory.averaged(frame, noise)
-            elif matches and memory.lags(targets):
-                memory.stand_again()
-            still = {
-                target: first_seen(frame.view(target).luma)
-                if averaged is frame
-                else memory.still[target]
-                for target in targets
-            }
-            frame = averaged
-            if not added:
-                widened = frame
+        chain = continued(memory, frame, settings, targets, sources, noise)
+        frame, noise = chain.frame, chain.noise
+        if not added:
+            widened = frame
         previous = None if memory is None else memory.to_go_on_from()
         observed = due = (*sources, *added)
         if previous is None or previous.has_moved:
@@ -155,13 +104,13 @@ def register_frame(
         targets=targets,
         sources=tuple(name for name in observed if name in sources),
         near=(*near, *added),
-        still=still,
+        still=chain.still,
         psf=psf,
         noise=noise,
         registrations=registrations,
-        matches=matches,
-        is_cut=is_cut,
-        has_moved=has_moved,
+        matches=chain.matches,
+        is_cut=chain.is_cut,
+        has_moved=chain.has_moved,
         effort=effort,
         turn=1 if memory is None else memory.turn,
         layers=_layers_of(found.prepared, method) if keep_intermediates else None,

@@ -1,0 +1,117 @@
+"""What of a chain holds for its next frame: cuts, fades, moving cameras, slow changes told apart.
+
+Not in the thesis. What tells them lies in :mod:`pipeline.temporal`; here it is asked in order, and
+the memory forgets what no longer holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from pipeline.config import Settings
+from pipeline.frames import MultiViewFrame
+from pipeline.superresolve.memory import Memory
+from pipeline.temporal.initial import BlockMatch
+from pipeline.temporal.lagging import has_few_tiles
+from pipeline.temporal.still import Still, first_seen
+
+IN_PLACE = 0.5
+"""Share of a target that changes without moving from which the frame starts cold: it fades, or one
+picture dissolves into another, and what a chain keeps of it would be of the older picture."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Continued:
+    """A frame, and what it goes on from; without a chain, from nothing."""
+
+    frame: MultiViewFrame
+    """Its luma averaged over the frames in which it has stood still."""
+    noise: float
+    """Standard deviation, grey levels."""
+    matches: Mapping[str, BlockMatch]
+    """By target: how the previous frame's result is moved; empty where the frame starts cold."""
+    still: Mapping[str, Still]
+    """By target: what has stood still, and for how long; empty without a chain."""
+    is_cut: bool
+    """Whether the frame before shows something else, or is of no use."""
+    has_moved: bool
+    """Whether the camera has moved, or all is to start as if it had."""
+
+
+def continued(
+    memory: Memory | None,
+    frame: MultiViewFrame,
+    settings: Settings,
+    targets: Sequence[str],
+    sources: Sequence[str],
+    noise: float,
+) -> Continued:
+    """Return a frame with what it goes on from; what no longer holds leaves the memory.
+
+    Parameters
+    ----------
+    memory : Memory or None
+        Of the chain; None: the frame stands alone.
+    sources : sequence of view ids
+        Those observed, of which the noise is asked.
+    noise : float
+        That of the frame by :meth:`Memory.noise`, grey levels.
+    """
+    if memory is None:
+        return Continued(
+            frame=frame, noise=noise, matches={}, still={}, is_cut=False, has_moved=False
+        )
+    matches = memory.matches(frame, targets, noise)
+    is_other = any(match.is_cut for match in matches.values())
+    is_quieter = bool(matches) and memory.is_quieter
+    has_moved = is_other and not is_quieter and memory.has_moved(frame, targets)
+    is_cut = is_quieter or (is_other and not has_moved)
+    if is_cut:
+        memory.forget()
+        matches, noise = {}, memory.noise(frame, settings, sources)
+    is_small = has_few_tiles(frame.lr_shape)
+    drifts = memory.drifts(frame, targets, noise)
+    if drifts:
+        has_moved = bool(matches) and not is_small
+    if has_moved:
+        memory.move()
+        matches = {}
+    averaged = memory.averaged(frame, noise)
+    if matches and is_small and (drifts or memory.lags(targets)):
+        is_cut = True
+        memory.begin_apart()
+        matches, noise = {}, memory.noise(frame, settings, sources)
+        averaged = frame
+    elif matches and memory.lags_all_over(targets):
+        has_moved = True
+        memory.move()
+        matches = {}
+        averaged = memory.averaged(frame, noise)
+    if matches and _changes_in_place(memory, matches):
+        is_cut = True
+        memory.begin_again()
+        matches, noise = {}, memory.noise(frame, settings, sources)
+        averaged = memory.averaged(frame, noise)
+    elif matches and memory.lags(targets):
+        memory.stand_again()
+    still = {
+        target: first_seen(frame.view(target).luma) if averaged is frame else memory.still[target]
+        for target in targets
+    }
+    return Continued(
+        frame=averaged,
+        noise=noise,
+        matches=matches,
+        still=still,
+        is_cut=is_cut,
+        has_moved=has_moved,
+    )
+
+
+def _changes_in_place(memory: Memory, matches: Mapping[str, BlockMatch]) -> bool:
+    """Return whether much of every target has changed where it was."""
+    return all(
+        match.share_in_place(memory.still[target].changed) > IN_PLACE
+        for target, match in matches.items()
+    )
