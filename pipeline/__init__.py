@@ -1,1 +1,1 @@
-"""depthsr."""
+"""From many small views to a large stereo pair; the map of its rooms is ``pipeline/README.md``."""

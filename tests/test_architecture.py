@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -59,6 +60,17 @@ def _found_imports(path: Path) -> Iterator[str]:
             module = ".".join([*base, *([node.module] if node.module else [])])
             yield module
             yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_packages_say_what_is_in_them(package):
+    for path in (ROOT / package).rglob("__init__.py"):
+        said = ast.get_docstring(_tree(path)) or ""
+        assert len(said) > 30, path
+        for name in re.findall(r":mod:`([\w.]+)`", said):
+            place = ROOT / Path(*name.split(".")) if "." in name else path.parent / name
+            is_there = place.with_suffix(".py").is_file() or (place / "__init__.py").is_file()
+            assert is_there or name in PACKAGES, f"{path}: {name}"
 
 
 def _offenders(place: str, *forbidden: str) -> list[str]:

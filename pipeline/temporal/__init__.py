@@ -1,1 +1,11 @@
-"""depthsr."""
+"""What one frame of a stream tells of the next: pictures in, decisions and means out.
+
+Not in the thesis, which computes every frame on its own. Nothing here registers or solves;
+:mod:`pipeline.superresolve.chain` asks in which order.
+
+* :mod:`still`: what stands still, averaged over time;
+* :mod:`initial`: blocks found again in the frame before, and its result moved along with them;
+* :mod:`moving`: a moving camera told from a cut;
+* :mod:`drift`, :mod:`lagging`: what changes little by little, all over or in parts;
+* :mod:`neighbours`: pixels of the frames before and after as constraints (``--temporal-window``).
+"""
