@@ -20,8 +20,9 @@ from numba import njit
 
 from pipeline.frames import Mask
 from pipeline.registration import motions, window_kernels
+from pipeline.registration.kernels import FITTED, TOO_FEW
 from pipeline.registration.method import MotionModel
-from pipeline.registration.motions import FITTED, FittedMotions, Pass
+from pipeline.registration.motions import MIDDLE, FittedMotions, Pass, least_scale
 from pipeline.registration.patches import Windows
 from pipeline.registration.prepare import PreparedView
 from pipeline.registration.records import ViewRegistration
@@ -226,20 +227,19 @@ def _probe(
     due[probes] = True
     at, onto = source.fine, reference.fine
     sums = np.zeros((count, NUM_SUMS))
-    first = np.searchsorted(patches.cell, np.arange(patches.grid[0] * patches.grid[1] + 1))
     moved, reliable = np.zeros(count, np.float32), np.zeros(count, np.float32)
     status, stepped = np.zeros(count, np.int32), np.empty_like(old.motion)
     window_kernels.sum_cells(
         at.image, at.gradient_x, at.gradient_y, onto.coefficients, 2, 1, patches.owners,
-        patches.cells, patches.windows, old.motion, around(patches, due), max(0.6 * noise, 0.3),
+        patches.cells, patches.windows, old.motion, around(patches, due), least_scale(noise, 0),
         np.ones(count, np.float32), sums, *no_samples((0, 0)).planes,
     )  # fmt: skip
     window_kernels.step_windows(
-        sums, first.astype(np.int32), *patches.grid, patches.windows, old.motion, old.motion,
+        sums, patches.first, *patches.grid, patches.windows, old.motion, old.motion,
         np.tile(np.eye(2), (count, 1, 1)), 50.0, prior.offset_mean, prior.offset_sigma**-2,
         MIN_SUPPORT // 4, BESIDE, ACROSS, FARTHEST, due, moved, status, reliable, stepped,
     )  # fmt: skip
-    away = stepped[probes][:, [0, 6]] - old.motion[probes][:, [0, 6]]
+    away = stepped[probes][:, MIDDLE] - old.motion[probes][:, MIDDLE]
     away[status[probes] != FITTED] = 0
     return away
 
@@ -292,7 +292,7 @@ def _merged(
         FittedMotions(
             patches=merged,
             motion=both(old.motion, np.zeros((count, motions.MOTION_SIZE))),
-            status=both(old.status, np.full(count, motions.TOO_FEW, np.int32)),
+            status=both(old.status, np.full(count, TOO_FEW, np.int32)),
             scale=both(old.scale, np.full(count, np.inf, np.float32)),
             reliable=both(old.reliable, np.zeros(count, np.float32)),
             sums=both(sums, np.zeros((count, NUM_SUMS))),

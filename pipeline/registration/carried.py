@@ -15,7 +15,8 @@ from numba import njit
 
 from pipeline.frames import Mask
 from pipeline.registration import motions
-from pipeline.registration.motions import FITTED, FittedMotions
+from pipeline.registration.kernels import FITTED
+from pipeline.registration.motions import FittedMotions
 from pipeline.registration.parallax import ParallaxMotion
 from pipeline.registration.prepare import PreparedView
 from pipeline.registration.records import ViewRegistration

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.registration.kernels import value_at
-from pipeline.registration.window_kernels import OPTIONS, OUTSIDE, row_of_motion
+from pipeline.registration.kernels import OPTIONS, value_at
+from pipeline.registration.window_kernels import OUTSIDE, row_of_motion
 
 LARGEST_ENERGY = np.float32(2500.0)
 """Squared residuals are cut off here where motions are compared, grey levels²."""

@@ -13,13 +13,16 @@ from numba import njit
 PAD = 2
 """Pixels of padding around spline coefficients."""
 
-_OPTIONS = {
+OPTIONS = {
     "nogil": True,
     "cache": True,
     "error_model": "numpy",
     # not the flags that assume finite numbers: NaN marks what has no value
     "fastmath": {"contract", "reassoc", "nsz", "arcp"},
 }
+
+FITTED, TOO_FEW, DEGENERATE, RAN_AWAY = 1, 2, 3, 4
+"""Status of a fit; in all but the first the patch keeps its start."""
 
 HISTOGRAM_BINS = 512
 """Bins of the residual histogram behind the robust scale."""
@@ -31,7 +34,7 @@ TUKEY = 4.685
 """Tukey biweight cut-off in standard deviations (95 % efficiency)."""
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def sample(coefficients, x, y):
     """Return value, x gradient and y gradient at a point; NaN value outside the image.
 
@@ -79,7 +82,7 @@ def sample(coefficients, x, y):
     return value, grad_x, grad_y
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def value_at(coefficients, x, y):
     """Return the value alone of :func:`sample`; x and y are float32."""
     half = np.float32(0.5)
@@ -107,23 +110,14 @@ def value_at(coefficients, x, y):
     return y0 * above + y1 * own + y2 * below
 
 
-@njit(**_OPTIONS)
-def sample_field(coefficients, position, out):
-    """Write spline samples at (H, W, 2) positions into ``out`` (H, W); NaN outside."""
-    for row in range(out.shape[0]):
-        for column in range(out.shape[1]):
-            value, _, _ = sample(coefficients, position[row, column, 0], position[row, column, 1])
-            out[row, column] = value
-
-
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def copy(source, target):
     """Write numbers into as many others; assigning to a slice takes far longer to compile."""
     for k in range(source.size):
         target[k] = source[k]
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def solve(matrix, rhs):
     """Solve the symmetric positive definite system in place by Cholesky; False if it is not."""
     size = rhs.size
@@ -151,10 +145,10 @@ def solve(matrix, rhs):
     return True
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _take_points(
-    source, source_gx, source_gy, reference, fineness, nearness, destination, destination_margin,
-    window, bounds, place, theta, stride, points, rows,
+    source, source_gx, source_gy, reference, nearness, destination, destination_margin, window,
+    bounds, place, theta, stride, points, rows,
 ):  # fmt: skip
     """Sample the reference where the pixels of a patch land; see :func:`fit_patches`.
 
@@ -211,16 +205,12 @@ def _take_points(
                 d = destination[row, column]
                 if not (d >= lo - destination_margin and d < hi + destination_margin):
                     continue
-            value, gx, gy = sample(
-                reference,
-                fineness[0] * (x + u) + fineness[2],
-                fineness[1] * (y + v) + fineness[3],
-            )
+            value, gx, gy = sample(reference, x + u, y + v)
             if not np.isfinite(value):
                 continue
             residual[count] = value - source[y, x]
-            gradient_x[count] = np.float32(0.5) * (fineness[0] * gx + source_gx[y, x])
-            gradient_y[count] = np.float32(0.5) * (fineness[1] * gy + source_gy[y, x])
+            gradient_x[count] = np.float32(0.5) * (gx + source_gx[y, x])
+            gradient_y[count] = np.float32(0.5) * (gy + source_gy[y, x])
             place_x[count] = X
             count += 1
         row_end[lines] = count
@@ -229,7 +219,7 @@ def _take_points(
     return count, lines, in_support
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _robust_scale(residual, count, zeta, histogram):
     """Return the standard deviation by the median of |r + ζ|, found in a histogram."""
     width = 0.0
@@ -248,7 +238,7 @@ def _robust_scale(residual, count, zeta, histogram):
     return MAD_TO_SIGMA * (b + 0.5) * width / HISTOGRAM_BINS
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _sum_moments(points, rows, lines, zeta, cut2, degree, line, moments):
     """Write the weighted sums of powers of X and Y; return how many points are reliable.
 
@@ -336,7 +326,7 @@ def _sum_moments(points, rows, lines, zeta, cut2, degree, line, moments):
     return reliable
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _set_up(
     moments, s2, theta, start, prior, prior_strength, offset_mean, offset_precision, exponents,
     matrix, step,
@@ -385,7 +375,7 @@ def _set_up(
     step[size - 1] = -moments[8, 0, 0] / s2 - offset_precision * (theta[12] - offset_mean)
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _go(theta, step):
     """Take a step in place; return how far it moves a corner of the patch at most, pixels."""
     num_basis = (step.size - 1) // 2
@@ -400,13 +390,12 @@ def _go(theta, step):
     return max(move_u, move_v)
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def fit_patches(
     source,
     source_gx,
     source_gy,
     reference,
-    fineness,
     nearness,
     destination,
     destination_margin,
@@ -440,9 +429,6 @@ def fit_patches(
     source_gx, source_gy : (H, W) float32
     reference : (H' + 4, W' + 4) float32
         Spline coefficients of the reference luma, smoothed.
-    fineness : (4,) float64
-        Magnification along x and y and offset along x and y from LR points of the
-        reference to pixels of ``reference``; 1, 1, 0, 0 where it is the LR image.
     nearness : (H, W) float32
         Of the source.
     destination : (H', W') float32
@@ -475,7 +461,7 @@ def fit_patches(
     stride : int
         Use every ``stride``-th row and column of large windows.
     status : (P,) int32
-        Written: 1 fitted, 2 too few pixels, 3 degenerate, 4 ran away (the start is kept).
+        Written: FITTED, TOO_FEW, DEGENERATE or RAN_AWAY.
     quality : (P, 2) float32
         Written: robust residual scale (grey levels) and the share of reliable pixels.
     """
@@ -505,17 +491,17 @@ def fit_patches(
         place = (0.5 * (x0 + x1 - 1), 0.5 * (y0 + y1 - 1), s)
         theta = motion[p]
         copy(theta, start)
-        status[p] = 1
+        status[p] = FITTED
         quality[p, 0] = np.inf
         quality[p, 1] = 0
         for _ in range(iterations):
             count, lines, in_support = _take_points(
-                source, source_gx, source_gy, reference, fineness, nearness, destination,
+                source, source_gx, source_gy, reference, nearness, destination,
                 destination_margin, (x0, y0, x1, y1), (ranges[p, 0], ranges[p, 1]), place, theta,
                 stride, points, rows,
             )  # fmt: skip
             if count * stride * stride < min_support or 2 * count < in_support:
-                status[p] = 2
+                status[p] = TOO_FEW
                 copy(start, theta)
                 break
             scale = max(_robust_scale(residual, count, theta[12], histogram), min_scale)
@@ -529,19 +515,19 @@ def fit_patches(
                 offset_precision, exponents, matrix, step,
             )  # fmt: skip
             if not solve(matrix, step):
-                status[p] = 3
+                status[p] = DEGENERATE
                 copy(start, theta)
                 break
             moved = _go(theta, step)
             if not (moved < 4 * s):
-                status[p] = 4
+                status[p] = RAN_AWAY
                 copy(start, theta)
                 break
             if moved < tolerance:
                 break
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def displacement_at(windows, motion, p, x, y):
     """Return (u, v) of patch ``p``'s motion at source pixel (x, y)."""
     x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
@@ -554,7 +540,7 @@ def displacement_at(windows, motion, p, x, y):
     return u, v
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def follow_patches(windows, motion, usable, labels, position, offset):
     """Write the landing point of each pixel by the motion of its own patch; NaN where unusable.
 

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.registration import kernels
+from pipeline.registration.kernels import TOO_FEW
 from pipeline.registration.method import MotionModel
 from pipeline.registration.parallax import ParallaxMotion
 from pipeline.registration.patches import Patches
@@ -27,10 +28,12 @@ MOTION_SIZE = 13
 OFFSET = 12
 """Column of the intensity term ζ, grey levels."""
 
-FITTED, TOO_FEW, DEGENERATE, RAN_AWAY = 1, 2, 3, 4
-"""Status of a fit; in all but the first the patch keeps its start."""
+MIDDLE = (0, 6)
+"""Columns of u and v at the window's middle, LR pixels."""
 
-SAME_GRID = np.array([1.0, 1.0, 0.0, 0.0])
+TOLERANCE = 0.02
+"""A fit stops when no point of the patch moves more, pixels of its level."""
+
 NO_DESTINATION = np.zeros((0, 0), np.float32)
 
 
@@ -41,7 +44,7 @@ class FittedMotions:
     patches: Patches
     motion: Motions
     status: npt.NDArray[np.int32]
-    """(P,): FITTED, or why the start was kept."""
+    """(P,): ``kernels.FITTED``, or why the start was kept."""
     scale: npt.NDArray[np.float32]
     """(P,): robust residual scale, grey levels."""
     reliable: npt.NDArray[np.float32]
@@ -87,6 +90,26 @@ def centres(patches: Patches) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
     return x, y, np.maximum(0.5 * larger, 1.0)
 
 
+def landed_centres(fitted: FittedMotions) -> tuple[npt.NDArray, npt.NDArray]:
+    """Return the windows' middles and where they land, x and y, (P, 2) each, LR pixels."""
+    x, y, _ = centres(fitted.patches)
+    points = np.stack([x, y], axis=-1)
+    return points, points + fitted.motion[:, MIDDLE]
+
+
+def least_scale(noise: float, level: int) -> float:
+    """Return the robust scale below which none is believed, grey levels.
+
+    Parameters
+    ----------
+    noise : float
+        Of the LR picture, grey levels; what smoothing leaves of it counts.
+    level : int
+        Of the pyramid, 0 the finest.
+    """
+    return max(noise * (0.6 if level == 0 else 0.4), 0.3)
+
+
 def no_motion(patches: Patches) -> Motions:
     """Return zero motions."""
     return np.zeros((len(patches.windows), MOTION_SIZE))
@@ -110,7 +133,7 @@ def from_parallax(
         depth = plane[:, 0] + plane[:, 1] * along_x + plane[:, 2] * along_y
         return parallax.land(px, py, depth) - np.stack([px, py], axis=-1)
 
-    motion[:, [0, 6]] = displacement(0, 0)
+    motion[:, MIDDLE] = displacement(0, 0)
     if model is MotionModel.TRANSLATION:
         return motion
     motion[:, [1, 7]] = displacement(0.5, 0) - displacement(-0.5, 0)
@@ -202,11 +225,11 @@ def fit_motions(
         windows[:, 2:] = np.minimum(-(-patches.windows[:, 2:] // int(finer)), [width, height])
         motion[:, :OFFSET] /= finer
         kernels.fit_patches(
-            at.image, at.gradient_x, at.gradient_y, onto.coefficients, SAME_GRID, at.nearness,
+            at.image, at.gradient_x, at.gradient_y, onto.coefficients, at.nearness,
             NO_DESTINATION if destination_margin is None else onto.nearness,
             destination_margin or 0.0, windows, patches.ranges, int(model), motion,
             precision * finer**2, strength, prior.offset_mean, prior.offset_sigma**-2,
-            max(noise * (0.6 if run.level == 0 else 0.4), 0.3),
+            least_scale(noise, run.level),
             max(int(0.5 * min_support / finer**2), 1), run.iterations, TOLERANCE, run.stride,
             status, quality,
         )  # fmt: skip
@@ -214,7 +237,3 @@ def fit_motions(
     return FittedMotions(
         patches=patches, motion=motion, status=status, scale=quality[:, 0], reliable=quality[:, 1]
     )
-
-
-TOLERANCE = 0.02
-"""A fit stops when no point of the patch moves more, pixels of its level."""

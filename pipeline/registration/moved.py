@@ -60,9 +60,7 @@ def register_moved(
     good = well_fitted(fitted)
     if good.sum() < FEWEST_PATCHES:
         return None
-    x, y, _ = motions.centres(patches)
-    points = np.stack([x, y], axis=-1)
-    landed = points + fitted.motion[:, [0, 6]]
+    points, landed = motions.landed_centres(fitted)
     nearness = along_parallax(points, landed, patches.planes[:, 0], parallax)
     if spread_across(fitted, parallax, nearness) > STRAYED * prior.across:
         return None

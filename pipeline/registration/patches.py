@@ -17,6 +17,9 @@ from numba import njit
 MAX_PARTS = 3
 """Most surfaces that one window is cut into."""
 
+HISTOGRAM_BINS = 64
+"""Of the nearness in one part of a window."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patches:
@@ -57,6 +60,12 @@ class Windows(Patches):
 
     grid: tuple[int, int]
     """Rows and columns of cells."""
+
+    @property
+    def first(self) -> npt.NDArray[np.int32]:
+        """(rows · columns + 1,): the first patch of each cell, and the end of the last one's."""
+        numbers = np.arange(self.grid[0] * self.grid[1] + 1)
+        return np.searchsorted(self.cell, numbers).astype(np.int32)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -102,6 +111,53 @@ def _plane(values, px, py, count, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def _otsu(values, count, min_support, counts):
+    """Return where Otsu's threshold cuts the first ``count`` values; NaN where it leaves too few.
+
+    Parameters
+    ----------
+    min_support : int
+        Fewest values on either side.
+    counts : (HISTOGRAM_BINS,) int64
+        Scratch.
+    """
+    lo = values[0]
+    hi = values[0]
+    for i in range(count):
+        lo = min(lo, values[i])
+        hi = max(hi, values[i])
+    counts[:] = 0
+    step = (hi - lo) / HISTOGRAM_BINS + 1e-30
+    for i in range(count):
+        counts[min(int((values[i] - lo) / step), HISTOGRAM_BINS - 1)] += 1
+    total = 0.0
+    for b in range(HISTOGRAM_BINS):
+        total += b * counts[b]
+    below = 0
+    sum_below = 0.0
+    best = -1.0
+    first = 0
+    last = 0
+    for b in range(HISTOGRAM_BINS - 1):
+        below += counts[b]
+        sum_below += b * counts[b]
+        above = count - below
+        if below < min_support or above < min_support:
+            continue
+        gap = sum_below / below - (total - sum_below) / above
+        between = float(below) * float(above) * gap * gap
+        if between > best * (1 + 1e-9):
+            best = between
+            first = b
+            last = b
+        elif between >= best * (1 - 1e-9):
+            last = b
+    if best > 0:
+        return lo + step * (0.5 * (first + last) + 1)
+    return np.nan
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def _cut_windows(
     nearness, spacing, half, tolerance, min_support, wanted, windows, ranges, planes, support,
     owners, cells, cell,
@@ -117,7 +173,7 @@ def _cut_windows(
     part_y = np.empty(area)
     lows = np.empty(MAX_PARTS)
     highs = np.empty(MAX_PARTS)
-    counts = np.empty(64, np.int64)
+    counts = np.empty(HISTOGRAM_BINS, np.int64)
     number = 0
     for gy in range((height + spacing - 1) // spacing):
         for gx in range((width + spacing - 1) // spacing):
@@ -151,40 +207,8 @@ def _cut_windows(
                         n += 1
                 spread = _plane(part_values, part_x, part_y, n, planes[number]) if n > 0 else 0.0
                 if parts < MAX_PARTS and n >= 2 * min_support and spread > tolerance:
-                    # Otsu's threshold of the histogram of this part
-                    lo = part_values[0]
-                    hi = part_values[0]
-                    for i in range(n):
-                        lo = min(lo, part_values[i])
-                        hi = max(hi, part_values[i])
-                    counts[:] = 0
-                    step = (hi - lo) / 64 + 1e-30
-                    for i in range(n):
-                        counts[min(int((part_values[i] - lo) / step), 63)] += 1
-                    total = 0.0
-                    for b in range(64):
-                        total += b * counts[b]
-                    below = 0
-                    sum_below = 0.0
-                    best = -1.0
-                    first = 0
-                    last = 0
-                    for b in range(63):
-                        below += counts[b]
-                        sum_below += b * counts[b]
-                        above = n - below
-                        if below < min_support or above < min_support:
-                            continue
-                        gap = sum_below / below - (total - sum_below) / above
-                        between = float(below) * float(above) * gap * gap
-                        if between > best * (1 + 1e-9):
-                            best = between
-                            first = b
-                            last = b
-                        elif between >= best * (1 - 1e-9):
-                            last = b
-                    if best > 0:
-                        cut = lo + step * (0.5 * (first + last) + 1)
+                    cut = _otsu(part_values, n, min_support, counts)
+                    if not np.isnan(cut):
                         for j in range(parts, k + 1, -1):
                             lows[j] = lows[j - 1]
                             highs[j] = highs[j - 1]

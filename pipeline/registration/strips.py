@@ -9,9 +9,10 @@ import numpy.typing as npt
 
 from pipeline.frames import Positions
 from pipeline.registration import kernels, motions
+from pipeline.registration.kernels import FITTED
 from pipeline.registration.layers import layer_labels, layer_thresholds
 from pipeline.registration.method import Initialisation, MotionModel, RegistrationMethod
-from pipeline.registration.motions import FITTED, FitPrior, FittedMotions, Pass
+from pipeline.registration.motions import FitPrior, FittedMotions, Pass
 from pipeline.registration.patches import Patches, layer_strips
 from pipeline.registration.prepare import PreparedView
 from pipeline.registration.verification import registration_weights

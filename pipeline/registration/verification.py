@@ -14,6 +14,12 @@ from numba import njit
 from pipeline.frames import GreyImage, Mask, Positions, Rejection
 from pipeline.registration import kernels
 
+_NO_MOTION, _OUTSIDE, _WEIGHT, _DEPTH, _EDGE, _OCCLUDED = (
+    int(Rejection.NO_MOTION), int(Rejection.OUTSIDE), int(Rejection.WEIGHT),
+    int(Rejection.DEPTH), int(Rejection.EDGE), int(Rejection.OCCLUDED),
+)  # fmt: skip
+"""The bits as compiled loops know them."""
+
 NO_WEIGHT = 1e6
 """Square that stands for a registration weight that there is none of, grey levels²."""
 
@@ -108,16 +114,16 @@ def _flag(
             square = squares[row, column]
             bits = 0
             if jumps[row, column] or (beside[row, column] and square > limits[3]):
-                bits = 32
+                bits = _EDGE
             if not (np.isfinite(x) and np.isfinite(y)):
-                flags[row, column] = bits | 1
+                flags[row, column] = bits | _NO_MOTION
                 continue
             if not (x > -0.5 and y > -0.5 and x < width - 0.5 and y < height - 0.5):
-                flags[row, column] = bits | 2
+                flags[row, column] = bits | _OUTSIDE
                 continue
             i, j = int(np.floor(y + 0.5)), int(np.floor(x + 0.5))
             if square > limits[0]:
-                bits |= 4  # Eq. (4), first case
+                bits |= _WEIGHT  # Eq. (4), first case
             d = nearness[row, column]
             says = known[row, column] and reference_known[i, j]
             if says and abs(reference[i, j] - d) > limits[1]:
@@ -128,9 +134,9 @@ def _flag(
                         if reference_known[k, m]:
                             away = min(away, abs(reference[k, m] - d))
                 if away > limits[1]:
-                    bits |= 8  # Eq. (4), second case
+                    bits |= _DEPTH  # Eq. (4), second case
             if nearest[i, j] > d + limits[2]:
-                bits |= 64
+                bits |= _OCCLUDED
             flags[row, column] = bits
 
 
@@ -214,7 +220,7 @@ def verify(
     jumps = jumps_of_motion(position, near)
     _flag(
         position, mean_squares(weights), nearness, known, reference_nearness, reference_known,
-        nearest, jumps, _within(jumps, EDGE_REACH), limits, renewed, flags,
+        nearest, jumps, within_reach(jumps, EDGE_REACH), limits, renewed, flags,
     )  # fmt: skip
     return flags
 
@@ -249,15 +255,10 @@ def jumps_of_motion(position: Positions, wanted: Mask | None = None) -> npt.NDAr
     return jumps
 
 
-def _within(jumps: npt.NDArray[np.uint8], reach: int) -> npt.NDArray[np.uint8]:
+def within_reach(jumps: npt.NDArray[np.uint8], reach: int) -> npt.NDArray[np.uint8]:
     """Return which pixels lie within reach of a jump; both pixels of it are within reach one."""
     side = 2 * (reach - 1) + 1
     return cv2.dilate(jumps, np.ones((side, side), np.uint8))
-
-
-def beside_jump(position: Positions, reach: int) -> npt.NDArray[np.bool_]:
-    """Return which pixels lie within ``reach`` of a jump of the motion, (H, W) bool."""
-    return _within(jumps_of_motion(position), reach).astype(bool)
 
 
 def count_rejections(flags: npt.NDArray[np.uint8]) -> dict[str, int]:

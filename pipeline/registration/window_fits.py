@@ -16,7 +16,15 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.registration import window_kernels
-from pipeline.registration.motions import TOLERANCE, FitPrior, FittedMotions, Motions, Pass
+from pipeline.registration.kernels import TOO_FEW
+from pipeline.registration.motions import (
+    TOLERANCE,
+    FitPrior,
+    FittedMotions,
+    Motions,
+    Pass,
+    least_scale,
+)
 from pipeline.registration.patches import Windows
 from pipeline.registration.prepare import PreparedView
 
@@ -120,7 +128,7 @@ def fit_windows(
     motion, stepped = start.copy(), start.copy()
     outer = directions[:, :, None] * directions[:, None, :]
     precision = outer / prior.along**2 + (np.eye(2) - outer) / prior.across**2
-    status = np.full(count, 2, np.int32)
+    status = np.full(count, TOO_FEW, np.int32)
     scale = np.full(count, np.inf, np.float32)
     reliable = np.zeros(count, np.float32)
     chosen = np.ones(count, bool)
@@ -131,8 +139,7 @@ def fit_windows(
         status, scale, reliable = known.status.copy(), known.scale.copy(), known.reliable.copy()
         if known.sums is not None:
             kept_sums = known.sums
-    first = np.searchsorted(patches.cell, np.arange(patches.grid[0] * patches.grid[1] + 1))
-    first = first.astype(np.int32)
+    first = patches.first
     samples = no_samples((0, 0))
     for run in passes:
         at, onto = source.level(run.level), reference.level(run.level)
@@ -147,7 +154,7 @@ def fit_windows(
             window_kernels.sum_cells(
                 at.image, at.gradient_x, at.gradient_y, onto.coefficients, run.stride, finer,
                 patches.owners, patches.cells, patches.windows, motion, due,
-                max(noise * (0.6 if run.level == 0 else 0.4), 0.3), scale, sums, *samples.planes,
+                least_scale(noise, run.level), scale, sums, *samples.planes,
             )  # fmt: skip
             window_kernels.step_windows(
                 sums, first, *patches.grid, patches.windows, motion, start, precision,

@@ -17,18 +17,21 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.registration.kernels import HISTOGRAM_BINS, MAD_TO_SIGMA, TUKEY, copy, solve
+from pipeline.registration.kernels import (
+    DEGENERATE,
+    FITTED,
+    HISTOGRAM_BINS,
+    MAD_TO_SIGMA,
+    OPTIONS,
+    RAN_AWAY,
+    TOO_FEW,
+    TUKEY,
+    copy,
+    solve,
+)
 
 OUTSIDE = np.float32(1e6)
 """Residual of a pixel that lands outside the reference, grey levels."""
-
-OPTIONS = {
-    "nogil": True,
-    "cache": True,
-    "error_model": "numpy",
-    # not the flags that assume finite numbers: NaN marks what has no value
-    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
-}
 
 
 @njit(**OPTIONS)
@@ -374,7 +377,7 @@ def step_windows(
     moved : (P,) float32
         Written: how far no point of the patch has moved, LR pixels.
     status : (P,) int32
-        Written: 1 fitted, 2 too few pixels, 3 degenerate, 4 ran away (the start is taken).
+        Written: FITTED, or TOO_FEW, DEGENERATE, RAN_AWAY (the start is taken).
     reliable : (P,) float32
         Written: share of the samples within the robust cut-off.
     out : (P, 13) float64
@@ -440,9 +443,9 @@ def step_windows(
                     count += k * sums[q, 33]
                     within += k * sums[q, 34]
             reliable[p] = number / max(within, 1.0)
-            status[p] = 1
+            status[p] = FITTED
             if count < min_support or 2 * count < within:
-                status[p] = 2
+                status[p] = TOO_FEW
                 copy(start[p], out[p])
                 continue
             for m in range(3):
@@ -457,7 +460,7 @@ def step_windows(
             matrix[6, 6] += offset_precision
             step[6] -= offset_precision * (theta[12] - offset_mean)
             if not solve(matrix, step):
-                status[p] = 3
+                status[p] = DEGENERATE
                 copy(start[p], out[p])
                 continue
             for m in range(3):
@@ -469,7 +472,7 @@ def step_windows(
                 abs(step[3]) + abs(step[4]) + abs(step[5]),
             )
             if not (moved[p] < 4 * size):
-                status[p] = 4
+                status[p] = RAN_AWAY
                 copy(start[p], out[p])
 
 

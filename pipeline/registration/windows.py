@@ -16,8 +16,9 @@ import numpy.typing as npt
 from pipeline.errors import SceneError
 from pipeline.frames import Mask, Positions
 from pipeline.registration import choice_kernels, motions
+from pipeline.registration.kernels import FITTED
 from pipeline.registration.method import Initialisation, MotionModel, RegistrationMethod
-from pipeline.registration.motions import FITTED, FitPrior, FittedMotions, Pass
+from pipeline.registration.motions import FitPrior, FittedMotions, Pass
 from pipeline.registration.parallax import (
     ParallaxMotion,
     fit_parallax,
@@ -278,9 +279,7 @@ def _refit_parallax(
     """
     patches = fitted.patches
     scale = pixels_per_nearness(source, parallax)
-    x, y, _ = motions.centres(patches)
-    points = np.stack([x, y], axis=-1)
-    landed = points + fitted.motion[:, [0, 6]]
+    points, landed = motions.landed_centres(fitted)
     good = well_fitted(fitted)
     if good.sum() < FEWEST_PATCHES:
         return fitted, parallax, LARGEST_ACROSS
@@ -324,11 +323,9 @@ def spread_across(
     nearness : (P,) float64
         Of the patches' centres.
     """
-    patches = fitted.patches
-    x, y, _ = motions.centres(patches)
-    landed = np.stack([x, y], axis=-1) + fitted.motion[:, [0, 6]]
-    direction = motions.parallax_directions(patches, parallax)
-    away = landed - parallax.land(x, y, nearness)
+    points, landed = motions.landed_centres(fitted)
+    direction = motions.parallax_directions(fitted.patches, parallax)
+    away = landed - parallax.land(points[:, 0], points[:, 1], nearness)
     across = -direction[:, 1] * away[:, 0] + direction[:, 0] * away[:, 1]
     return 1.4826 * float(np.median(np.abs(across[well_fitted(fitted)])))
 
@@ -362,9 +359,8 @@ def some_landed(
     if len(good) < fewest:
         return None
     some = good[:: max(1, len(good) // asked)]
-    x, y, _ = motions.centres(fitted.patches)
-    points = np.stack([x, y], axis=-1)[some]
-    return points, points + fitted.motion[some][:, [0, 6]]
+    points, landed = motions.landed_centres(fitted)
+    return points[some], landed[some]
 
 
 def depth_fits(source: PreparedView, before: ViewRegistration) -> bool:
@@ -404,9 +400,7 @@ def _start_through(
     if fitted is None or onto_first is None:
         return None
     patches = fitted.patches
-    x, y, _ = motions.centres(patches)
-    points = np.stack([x, y], axis=-1)
-    landed = points + fitted.motion[:, [0, 6]]
+    points, landed = motions.landed_centres(fitted)
     nearness = along_parallax(points, landed, patches.planes[:, 0], onto_first)
     nearness = np.where(fitted.status == FITTED, nearness, patches.planes[:, 0])
     moved = replace(patches, planes=np.column_stack([nearness, patches.planes[:, 1:]]))

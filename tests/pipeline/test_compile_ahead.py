@@ -28,7 +28,7 @@ called_by_kernels = {
     for kernel in kernels
     for name in kernel.py_func.__code__.co_names
 }
-called_by_tests = {"add_prior", "sample_field"}
+called_by_tests = {"add_prior"}
 compile_kernels()
 print(
     *(

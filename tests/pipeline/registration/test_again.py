@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.registration.again import AGAIN
+from pipeline.registration.kernels import FITTED
 from pipeline.registration.method import METHODS, MotionModel
 from pipeline.registration.register import (
     Previous,
@@ -134,7 +135,7 @@ def test_a_cell_that_has_drifted_is_repaired_when_it_is_probed(frame, cold):
     before = _other(cold, frame)
     assert before.motions is not None
     motions = before.motions
-    wanted = (motions.status == 1) & (motions.reliable > 0.9)
+    wanted = (motions.status == FITTED) & (motions.reliable > 0.9)
     wanted &= motions.patches.support > 500
     patch = int(np.flatnonzero(wanted)[len(np.flatnonzero(wanted)) // 2])
     shift = np.zeros(len(motions.motion) * 4)

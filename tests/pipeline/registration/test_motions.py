@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 
 from pipeline.frames import View
 from pipeline.registration import kernels
+from pipeline.registration.kernels import FITTED, TOO_FEW
 from pipeline.registration.method import MotionModel
 from pipeline.registration.motions import (
-    FITTED,
     MOTION_SIZE,
     OFFSET,
-    TOO_FEW,
     FitPrior,
     Pass,
     centres,

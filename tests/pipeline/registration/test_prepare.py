@@ -19,10 +19,10 @@ def _picture(height: int, width: int, seed: int = 0) -> np.ndarray:
 
 
 def _sampled(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    position = np.stack(np.broadcast_arrays(x, y), axis=-1).astype(np.float32)
-    out = np.empty(position.shape[:2], np.float32)
-    kernels.sample_field(coefficients, position, out)
-    return out
+    x, y = np.broadcast_arrays(x, y)
+    points = zip(x.ravel().tolist(), y.ravel().tolist(), strict=True)
+    values = [kernels.sample(coefficients, *point)[0] for point in points]
+    return np.array(values, np.float32).reshape(x.shape)
 
 
 def _grid(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

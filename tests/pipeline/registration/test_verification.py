@@ -14,10 +14,11 @@ from pipeline.registration.verification import (
     EDGE_JUMP,
     EDGE_REACH,
     EDGE_STRICTNESS,
-    beside_jump,
     count_rejections,
+    jumps_of_motion,
     registration_weights,
     verify,
+    within_reach,
 )
 
 HEIGHT, WIDTH = 16, 25
@@ -185,25 +186,29 @@ def test_a_little_farther_from_a_jump_a_stricter_weight_threshold_holds():
         assert np.flatnonzero((flags & Rejection.EDGE).all(axis=0)).tolist() == list(columns)
 
 
+def _beside_jump(position: np.ndarray, reach: int) -> np.ndarray:
+    return within_reach(jumps_of_motion(position), reach) > 0
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_jumps_count_along_both_axes(axis):
     position = _identity()
     position[10:, :, axis] -= np.float32(2 * EDGE_JUMP)
-    rows = np.flatnonzero(beside_jump(position, 1).all(axis=1))
+    rows = np.flatnonzero(_beside_jump(position, 1).all(axis=1))
     assert rows.tolist() == [9, 10]
-    assert beside_jump(position, 1).sum() == 2 * WIDTH
-    assert beside_jump(position, 3).sum() == 6 * WIDTH
+    assert _beside_jump(position, 1).sum() == 2 * WIDTH
+    assert _beside_jump(position, 3).sum() == 6 * WIDTH
     sideways = np.ascontiguousarray(position.transpose(1, 0, 2)[..., ::-1])
-    np.testing.assert_array_equal(beside_jump(sideways, 3), beside_jump(position, 3).T)
+    np.testing.assert_array_equal(_beside_jump(sideways, 3), _beside_jump(position, 3).T)
     position = _identity()
     position[10:, :, axis] -= np.float32(0.9 * EDGE_JUMP)
-    assert not beside_jump(position, 5).any()
+    assert not _beside_jump(position, 5).any()
 
 
 def test_a_pixel_without_motion_is_a_jump():
     position = _identity()
     position[3, 4] = np.nan
-    found = np.argwhere(beside_jump(position, 1))
+    found = np.argwhere(_beside_jump(position, 1))
     assert sorted(map(tuple, found.tolist())) == [(2, 4), (3, 3), (3, 4), (3, 5), (4, 4)]
 
 
