@@ -43,6 +43,9 @@ DIRECTIONS = (
 ORDERED = ("displays", "contents", "conditions", "dimensions")
 """What a plan puts into an order, as the header of an exported file says it."""
 
+VoteKey = tuple[str, str, str, str, int, str]
+"""Assessor, display, content, condition, repetition, dimension: see ``KEYS``."""
+
 
 class Method(StrEnum):
     """What the votes of a table are."""
@@ -117,7 +120,7 @@ class Vote:
             )
 
     @property
-    def key(self) -> tuple[str, str, str, str, int, str]:
+    def key(self) -> VoteKey:
         """What tells this vote from every other of the test."""
         return (
             self.assessor,
@@ -134,8 +137,8 @@ class Vote:
         return self.difference if self.score is None else self.score
 
 
-Presentation = tuple[str, str, int]
-"""Content, condition, repetition."""
+PresentationKey = tuple[str, str, int]
+"""Content, condition, repetition: what tells a presentation from every other of a test."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,9 +156,7 @@ class Order:
         known = dict.fromkeys(name for name in getattr(self, column) if name in found)
         return tuple(known | found)
 
-    def arrange_shown(
-        self, shown: Iterable[tuple[str, str, int]]
-    ) -> tuple[tuple[str, str, int], ...]:
+    def arrange_shown(self, shown: Iterable[PresentationKey]) -> tuple[PresentationKey, ...]:
         """Return each content, condition and repetition once, in the order of the plan."""
         found = tuple(dict.fromkeys(shown))
         if not (self.contents or self.conditions):
@@ -184,7 +185,7 @@ def make_table(votes: Iterable[Vote], *, name: str = "votes", order: Order = Ord
     kept = tuple(votes)
     if not kept:
         raise VotesError("there is no vote in it", path=name)
-    seen: set[tuple[str, str, str, str, int, str]] = set()
+    seen: set[VoteKey] = set()
     for vote in kept:
         if vote.kind != TEST:
             continue
@@ -261,7 +262,7 @@ def parse_csv(text: str, *, name: str = "votes") -> VoteTable:
     rows = csv.reader(lines[skipped:], delimiter=separator, strict=True, skipinitialspace=True)
     columns = _columns(next(rows), name=name, line=skipped + 1)
     votes: list[Vote] = []
-    lines_of: dict[tuple[str, str, str, str, int, str], int] = {}
+    lines_of: dict[VoteKey, int] = {}
     before = skipped + rows.line_num
     try:
         for cells in rows:

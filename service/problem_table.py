@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import dataclass
 from typing import Any
+
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+"""Numbers of an :class:`OSError` that mean ``disk-full``."""
 
 
 @dataclass(frozen=True)

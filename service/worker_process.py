@@ -62,7 +62,7 @@ def _serve(order: WorkOrder, voice: Voice) -> bool:
     limit_memory(order.memory)
     step_back(order.nice)
     from pipeline.errors import Interrupted, PipelineError
-    from service.problem_table import problem
+    from service.problem_table import DISK_FULL, problem
 
     try:
         with (Path(order.folder) / "worker.lock").open("w") as lock:
@@ -79,7 +79,7 @@ def _serve(order: WorkOrder, voice: Voice) -> bool:
     except MemoryError:
         voice.say("problem", problem=problem("memory-limit", "the worker ran out of memory"))
     except OSError as error:
-        kind = "disk-full" if error.errno in (28, 122) else "output-error"
+        kind = "disk-full" if error.errno in DISK_FULL else "output-error"
         voice.say("problem", problem=problem(kind, error.strerror or type(error).__name__))
     return False
 
@@ -200,8 +200,10 @@ def _kept(path: Path) -> dict[str, Any] | None:
 
 
 def _kind(error: Exception) -> str:
+    from service.problem_table import DISK_FULL
+
     cause = error.__cause__
-    if isinstance(cause, OSError) and cause.errno in (28, 122):
+    if isinstance(cause, OSError) and cause.errno in DISK_FULL:
         return "disk-full"
     return str(getattr(error, "code", "internal"))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dscqs.votes import Presentation, Vote
+from dscqs.votes import PresentationKey, Vote
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,14 +17,14 @@ class Matrix:
 
     Parameters
     ----------
-    presentations : tuple of Presentation
+    presentations : tuple of PresentationKey
         One for each repetition of a stimulus.
     assessors : tuple of str
     values : array [presentations × assessors]
         NaN where there is no vote.
     """
 
-    presentations: tuple[Presentation, ...]
+    presentations: tuple[PresentationKey, ...]
     assessors: tuple[str, ...]
     values: NDArray[np.float64]
 

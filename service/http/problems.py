@@ -17,7 +17,7 @@ from starlette.routing import BaseRoute, Match
 
 from dscqs.errors import DscqsError
 from pipeline.errors import PipelineError
-from service.problem_table import KINDS, problem
+from service.problem_table import DISK_FULL, KINDS, problem
 
 log = logging.getLogger(__name__)
 
@@ -144,7 +144,7 @@ def add_handlers(app: FastAPI, routes: Iterable[BaseRoute]) -> None:
 
     async def of_disk(request: Request, error: Exception) -> JSONResponse:
         log.warning("storage: %s", error)
-        if isinstance(error, OSError) and error.errno not in (28, 122):  # ENOSPC, EDQUOT
+        if isinstance(error, OSError) and error.errno not in DISK_FULL:
             return answer("internal", "a file cannot be read or written", path=request.url.path)
         return answer("disk-full", "the disk cannot take more", path=request.url.path)
 
