@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,12 +11,10 @@ import numpy.typing as npt
 from pipeline.config import Settings, Solver
 from pipeline.errors import Interrupted
 from pipeline.frames import GreyImage, MultiViewFrame, RegisteredView
-from pipeline.grid import Grid
 from pipeline.reconstruction.again import fuse_again
 from pipeline.reconstruction.coverage import phase_coverage
 from pipeline.reconstruction.fused import (
     FusedResult,
-    FusedTuning,
     estimate_alone,
     finished,
     fuse,
@@ -28,6 +26,7 @@ from pipeline.reconstruction.fused import (
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.pocs import pocs
 from pipeline.reconstruction.psf import Psf, psf_axes, sampling_taps
+from pipeline.registration.records import ViewRegistration
 from pipeline.results import (
     Colour,
     FrameReport,
@@ -129,20 +128,18 @@ def _reconstruct(
     settings, grid = frame.settings, frame.settings.grid
     reference, registrations = frame.frame.view(target), frame.registrations[target]
     registered = [registration.registered for registration in registrations]
-    lr_shape = reference.luma.shape
+    residual_threshold = settings.residual_threshold or default_residual_threshold(frame.noise)
     learned = chosen_filters(settings, frame.psf, frame.noise)
-    start = None
+    start = due = shown = None
     choice = StartChoice(warm_share=0.0, is_cut=frame.is_cut, has_moved=frame.has_moved)
     if previous is not None:
         match = frame.matches[target]
         cold = estimate_alone(
             reference.luma, grid, frame.psf, frame.noise, learned,
-            ~match.matched_pixels((lr_shape[0], lr_shape[1])),
+            ~match.matched_pixels(frame.frame.lr_shape),
         )  # fmt: skip
         start = warped(match, previous.result.estimate, cold, grid)
         choice = match.choice
-    due = shown = None
-    if previous is not None:
         previous = _of_views(previous, registered)
         due = parts_due(frame, target, previous)
     if due is None:
@@ -153,29 +150,44 @@ def _reconstruct(
         shown = previous.shown, [box for part in due for box in part.boxes], grid
         solved = fuse_again(
             registered, grid, frame.psf, previous.result, start, due,
-            residual_threshold=settings.residual_threshold
-            or default_residual_threshold(frame.noise),
-            most_steps=frame.effort.steps, stop=stop,
+            residual_threshold=residual_threshold, most_steps=frame.effort.steps, stop=stop,
         )  # fmt: skip
     else:
-        solved = _solve(
-            settings, frame.psf, frame.noise, registered, grid,
-            (lr_shape[0], lr_shape[1]), stop, start, tuning_of(frame, len(registered), start),
-            learned, frame.effort.steps,
-        )  # fmt: skip
+        solved = _solve(frame, registered, start, learned, residual_threshold, stop)
     if stop is not None and stop():
         raise Interrupted
-    trusted = [flags == 0 for flags in solved.flags]
-    filled = np.zeros(grid.hr_shape((lr_shape[0], lr_shape[1])), np.bool_)
+    luma = np.clip(finished(solved, learned, shown), 0.0, 255.0)
+    kept = Solved(
+        result=solved, shown=luma, views=views,
+        frames=frames_solved(frame, target, previous, due),
+    )  # fmt: skip
+    return _Target(
+        image=SuperResolvedImage(view_id=target, luma=luma),
+        report=_report(frame, target, registered, solved, choice),
+        debug=None if frame.layers is None else _debug(target, registrations, solved, frame.layers),
+        solved=kept,
+    )
+
+
+def _report(
+    frame: RegisteredFrame,
+    target: str,
+    registered: Sequence[RegisteredView],
+    solved: FusedResult,
+    start: StartChoice,
+) -> TargetReport:
+    """Return what is said of a target that is made of these views."""
+    settings, grid = frame.settings, frame.settings.grid
+    filled = np.zeros(solved.estimate.shape, np.bool_)
     own_phases, all_phases = (
         phase_coverage(
             [view.position for view in registered if view.is_reference == is_own],
             [
-                mask
-                for view, mask in zip(registered, trusted, strict=True)
+                flags == 0
+                for view, flags in zip(registered, solved.flags, strict=True)
                 if view.is_reference == is_own
             ],
-            grid, lr_shape, filled=filled,
+            grid, frame.frame.lr_shape, filled=filled,
         )
         for is_own in (True, False)
     )  # fmt: skip
@@ -185,8 +197,8 @@ def _reconstruct(
             registered, solved.flags, solved.weights, solved.misfits, strict=True
         )
     )
-    report = TargetReport(
-        view_id=reference.view_id,
+    return TargetReport(
+        view_id=target,
         views=reports,
         phase_coverage=100 * all_phases,
         phase_coverage_reference=100 * own_phases,
@@ -195,31 +207,28 @@ def _reconstruct(
         iterations=solved.iterations,
         stop_reason=solved.stop_reason,
         residuals=solved.residuals,
-        start=choice,
+        start=start,
     )
-    debug = None
-    if frame.layers is not None:
-        debug = TargetDebug(
-            view_id=reference.view_id,
-            registered=tuple(
-                replace(view, flags=flags)
-                for view, flags in zip(registered, solved.flags, strict=True)
-            ),
-            weights=solved.weights,
-            patch_labels={
-                registration.registered.view_id: registration.patch_labels
-                for registration in registrations
-            },
-            layer_labels=frame.layers,
-            contribution_count=solved.density,
-        )
-    luma = np.clip(finished(solved, learned, shown), 0.0, 255.0)
-    image = SuperResolvedImage(view_id=reference.view_id, luma=luma)
-    kept = Solved(
-        result=solved, shown=luma, views=views,
-        frames=frames_solved(frame, target, previous, due),
-    )  # fmt: skip
-    return _Target(image=image, report=report, debug=debug, solved=kept)
+
+
+def _debug(
+    target: str,
+    registrations: Sequence[ViewRegistration],
+    solved: FusedResult,
+    layers: Mapping[str, npt.NDArray[np.int32]],
+) -> TargetDebug:
+    """Return what pictures of a target are drawn from."""
+    return TargetDebug(
+        view_id=target,
+        registered=tuple(
+            replace(one.registered, flags=flags)
+            for one, flags in zip(registrations, solved.flags, strict=True)
+        ),
+        weights=solved.weights,
+        patch_labels={one.registered.view_id: one.patch_labels for one in registrations},
+        layer_labels=layers,
+        contribution_count=solved.density,
+    )
 
 
 def _of_views(solved: Solved, registered: Sequence[RegisteredView]) -> Solved:
@@ -246,29 +255,36 @@ def _of_views(solved: Solved, registered: Sequence[RegisteredView]) -> Solved:
 
 
 def _solve(
-    settings: Settings,
-    psf: Psf,
-    noise: float,
+    frame: RegisteredFrame,
     registered: Sequence[RegisteredView],
-    grid: Grid,
-    lr_shape: tuple[int, int],
-    stop: Callable[[], bool] | None,
     start: GreyImage | None,
-    tuning: FusedTuning,
     learned: LearnedFilters | None,
-    steps: int | None,
+    residual_threshold: float,
+    stop: Callable[[], bool] | None,
 ) -> FusedResult:
-    """Run the chosen solver; a POCS result is brought into the same form."""
-    residual_threshold = settings.residual_threshold or default_residual_threshold(noise)
-    if settings.solver == Solver.FUSED:
-        return fuse(
-            registered, grid, lr_shape, psf,
-            noise=noise, residual_threshold=residual_threshold, stop=stop,
-            start=start, tuning=tuning, learned=learned, most_steps=steps,
-        )  # fmt: skip
+    """Run the chosen solver over a whole target."""
+    settings, steps = frame.settings, frame.effort.steps
+    if settings.solver != Solver.FUSED:
+        return _solve_by_pocs(frame, registered, start, residual_threshold, stop)
+    return fuse(
+        registered, settings.grid, frame.frame.lr_shape, frame.psf, noise=frame.noise,
+        residual_threshold=residual_threshold, stop=stop, start=start,
+        tuning=tuning_of(frame, len(registered), start), learned=learned, most_steps=steps,
+    )  # fmt: skip
+
+
+def _solve_by_pocs(
+    frame: RegisteredFrame,
+    registered: Sequence[RegisteredView],
+    start: GreyImage | None,
+    residual_threshold: float,
+    stop: Callable[[], bool] | None,
+) -> FusedResult:
+    """Run one of the thesis' solvers; its result is brought into the form of the fused one's."""
+    settings, grid, psf, steps = frame.settings, frame.settings.grid, frame.psf, frame.effort.steps
     own = next(view for view in registered if view.is_reference)
-    shape = grid.hr_shape(lr_shape)
-    bound = 2 * noise if settings.residual_bound is None else settings.residual_bound
+    shape = grid.hr_shape(frame.frame.lr_shape)
+    bound = 2 * frame.noise if settings.residual_bound is None else settings.residual_bound
     swept = pocs(
         registered, grid, shape, *psf_axes(psf, grid),
         initial_estimate(own.observed, grid) if start is None else start,
