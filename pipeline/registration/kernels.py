@@ -21,6 +21,10 @@ OPTIONS = {
     "fastmath": {"contract", "reassoc", "nsz", "arcp"},
 }
 
+INLINED = {**OPTIONS, "forceinline": True}
+"""Of what :func:`fit_patches` calls. Else it runs one machine code where it was just compiled and
+another one where it is loaded from the cache, whose sums are rounded in another order."""
+
 FITTED, TOO_FEW, DEGENERATE, RAN_AWAY = 1, 2, 3, 4
 """Status of a fit; in all but the first the patch keeps its start."""
 
@@ -145,7 +149,7 @@ def solve(matrix, rhs):
     return True
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def _take_points(
     source, source_gx, source_gy, reference, nearness, destination, destination_margin, window,
     bounds, place, theta, stride, points, rows,
@@ -219,7 +223,7 @@ def _take_points(
     return count, lines, in_support
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def _robust_scale(residual, count, zeta, histogram):
     """Return the standard deviation by the median of |r + ζ|, found in a histogram."""
     width = 0.0
@@ -238,7 +242,7 @@ def _robust_scale(residual, count, zeta, histogram):
     return MAD_TO_SIGMA * (b + 0.5) * width / HISTOGRAM_BINS
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def _sum_moments(points, rows, lines, zeta, cut2, degree, line, moments):
     """Write the weighted sums of powers of X and Y; return how many points are reliable.
 
@@ -326,7 +330,7 @@ def _sum_moments(points, rows, lines, zeta, cut2, degree, line, moments):
     return reliable
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def _set_up(
     moments, s2, theta, start, prior, prior_strength, offset_mean, offset_precision, exponents,
     matrix, step,
@@ -375,7 +379,7 @@ def _set_up(
     step[size - 1] = -moments[8, 0, 0] / s2 - offset_precision * (theta[12] - offset_mean)
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def _go(theta, step):
     """Take a step in place; return how far it moves a corner of the patch at most, pixels."""
     num_basis = (step.size - 1) // 2
