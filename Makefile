@@ -100,14 +100,18 @@ $(DEV): requirements-dev.lock $(RUN)
 	$(PIP) install --require-hashes -r requirements-dev.lock
 	@touch $@
 
-# What the tests ask for a second opinion: players and probes of other projects, a real browser.
+# What the tests ask for a second opinion: players and probes of other projects, a real browser,
+# cameras that speak RTSP (GStreamer's server, by the system's Python).
 SYSTEM_TOOLS := ffprobe chromium mpv mediainfo
-SYSTEM_PACKAGES := ffmpeg chromium mpv mediainfo fonts-dejavu-core fonts-noto-cjk
+SYSTEM_PACKAGES := ffmpeg chromium mpv mediainfo fonts-dejavu-core fonts-noto-cjk \
+	gir1.2-gst-rtsp-server-1.0 gstreamer1.0-plugins-good gstreamer1.0-plugins-bad python3-gi
+RTSP_SERVER := /usr/bin/python3 -c "import gi; gi.require_version('GstRtspServer', '1.0')"
 
 system:
 	@missing=""; for tool in $(SYSTEM_TOOLS); do \
 		command -v $$tool >/dev/null || missing="$$missing $$tool"; \
 	done; \
+	$(RTSP_SERVER) 2>/dev/null || missing="$$missing rtsp-server"; \
 	if [ -z "$$missing" ]; then :; \
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 		apt-get update -qq && DEBIAN_FRONTEND=noninteractive \

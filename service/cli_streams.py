@@ -237,7 +237,7 @@ def _pair(arguments: argparse.Namespace) -> tuple[str | None, str | None]:
 
 def _relay_cameras(arguments: argparse.Namespace) -> int:
     from pipeline.errors import ConfigurationError
-    from pipeline.media.cameras import CameraNews, Cameras
+    from pipeline.media.cameras import Cameras
     from pipeline.media.live_frames import PictureEncoding
     from pipeline.media.manifest import MANIFEST_NAME, read_json
     from service.streams.feed import Feed
@@ -259,10 +259,6 @@ def _relay_cameras(arguments: argparse.Namespace) -> int:
         except OSError as error:
             raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from error
 
-    def tell(news: CameraNews) -> None:
-        lost = "is there again" if news.problem is None else f"lost: {news.problem}"
-        _note(f"camera {news.camera} {lost}")
-
     encoding = PictureEncoding.named(arguments.encoding or "jpeg")
     # refused before any camera is opened, if it is to be
     left, _ = manifest_of_cameras(
@@ -272,8 +268,11 @@ def _relay_cameras(arguments: argparse.Namespace) -> int:
     with (
         _until_signal() as stop,
         _connected(arguments) as bus,
-        Cameras(addresses, stop, fps=arguments.rate, encoding=encoding, on_news=tell) as cameras,
-    ):
+        Cameras(
+            addresses, stop, fps=arguments.rate, encoding=encoding,
+            on_news=lambda news: _note(str(news)),
+        ) as cameras,
+    ):  # fmt: skip
         manifest = manifest_of_cameras(
             dict(arguments.camera), cameras.fps, rig, *_pair(arguments)
         )  # fmt: skip

@@ -37,7 +37,11 @@ SETTLE = 1.0
 """How long a camera that was opened is only listened to, seconds: what lay ready comes at once, and
 when it was taken cannot be told."""
 
-LONGEST_REST = 10.0
+KEY_WITHIN = 120.0
+"""How long a camera that sends may take to send a key frame, seconds: cameras that save bandwidth
+send one every half a minute."""
+
+LONGEST_REST = 3.0
 """Between two tries to open a lost camera, at most, seconds; the first is half a second."""
 
 SPARE = 100_000_000
@@ -54,19 +58,32 @@ _NO_STAMPS = 0x80
 and of the rate, is made up."""
 
 _OPTIONS = {
-    "rtsp_transport": "tcp", "fflags": "nobuffer", "flags": "low_delay",
-    "analyzeduration": "1000000",
+    "rtsp_flags": "prefer_tcp", "allowed_media_types": "video", "fflags": "nobuffer",
+    "flags": "low_delay", "analyzeduration": "1000000",
 }  # fmt: skip
-"""For FFmpeg: nothing lost on the way, nothing held back, a second to find out what it is."""
+"""For FFmpeg: nothing lost on the way where the camera allows it, no sound (whose clock would have
+a say in the pictures' time stamps), nothing held back, a second to find out what it is."""
+
+
+_REFUSALS = (av.error.HTTPUnauthorizedError, av.error.HTTPForbiddenError)
+"""What a camera says to who may not look, over RTSP, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraNews:
-    """A camera was lost, or is there again."""
+    """A camera was lost, is there again, or lets one wait."""
 
     camera: str
-    problem: str | None
+    problem: str | None = None
     """Why it is lost; None: it is there."""
+    is_awaited: bool = False
+    """Whether it sends, but has not sent a key frame yet."""
+
+    def __str__(self) -> str:
+        if self.is_awaited:
+            return f"camera {self.camera} sends, but no key frame yet: waiting for one"
+        state = "is there again" if self.problem is None else f"lost: {self.problem}"
+        return f"camera {self.camera} {state}"
 
 
 def host_of(address: str) -> str:
@@ -108,7 +125,8 @@ class Cameras:
     ConfigurationError
         If an address is none.
     SceneError
-        If a camera cannot be opened, or sends no picture within ten seconds.
+        If a camera cannot be opened or sends nothing within ten seconds, or no key frame within
+        two minutes.
     Interrupted
         If it is stopped before all are there.
     """
@@ -208,8 +226,11 @@ class _Reader:
         self.name, self._address = name, address
         self._stop, self._on_frame, self._on_news = stop, on_frame, on_news
         self.fps: Fraction | None = None
+        self._heard: float | None = None
+        """When something came last, seconds of the monotonic clock."""
         self._came = threading.Event()
         self._problem = ""
+        self._is_refused = False
         self._thread = threading.Thread(target=self._run, name=f"camera {name}", daemon=True)
 
     def start(self) -> None:
@@ -220,13 +241,20 @@ class _Reader:
             self._thread.join(max(0.0, deadline - time.monotonic()))
 
     def wait_for_first(self, deadline: float) -> None:
-        """Wait for the first picture."""
+        """Wait for the first picture; for longer while there is hope of a key frame."""
+        is_told = False
         while not self._came.wait(0.1):
             if self._stop.is_set():
                 raise Interrupted("stopped before all cameras were there")
-            if time.monotonic() < deadline:
+            now = time.monotonic()
+            sends = self._heard is not None and now - self._heard < READ_WITHIN
+            patience = KEY_WITHIN - OPEN_WITHIN if sends else 0.0
+            if now < deadline + patience and not self._is_refused:
+                if now >= deadline and not is_told:
+                    self._on_news(CameraNews(camera=self.name, is_awaited=True))
+                    is_told = True
                 continue
-            said = self._problem or "it sends no picture"
+            said = self._problem or ("it sends no key frame" if sends else "it sends no picture")
             raise SceneError(f"{said}: {host_of(self._address)}", view=self.name)
 
     def _run(self) -> None:
@@ -237,6 +265,8 @@ class _Reader:
                 problem = "the camera has ended its stream"
             except (av.error.FFmpegError, OSError, ValueError) as error:
                 count, problem = 0, _said(error)
+                # many cameras lock out who comes with a wrong password again and again
+                self._is_refused = isinstance(error, _REFUSALS)
             if self._stop.is_set():
                 return
             rest = 0.5 if count else min(2 * rest, LONGEST_REST)
@@ -263,9 +293,7 @@ class _Reader:
             self.fps = _rate_of(stream) if has_stamps else None
             heard: list[int] = []
             clock, settled = SteadyClock(), time.monotonic() + SETTLE
-            for frame in container.decode(stream):
-                if self._stop.is_set():
-                    return count
+            for frame in self._frames(container, stream):
                 came = time.time_ns()
                 taken, stamp = came, frame.time
                 if has_stamps and stamp is not None:
@@ -279,9 +307,27 @@ class _Reader:
                     heard.clear()
         return count
 
+    def _frames(
+        self, container: av.container.InputContainer, stream: av.VideoStream
+    ) -> Iterator[av.VideoFrame]:
+        """Yield what can be decoded, until the camera ends its stream, is silent, or is stopped."""
+        self._heard = None
+        for packet in container.demux(stream):
+            now = time.monotonic()
+            if self._heard is not None and now - self._heard >= READ_WITHIN:
+                raise TimeoutError(0, "it sends nothing")  # FFmpeg has handed out what it held
+            self._heard = now
+            if self._stop.is_set():
+                return
+            try:
+                frames = packet.decode()
+            except av.error.InvalidDataError:
+                continue  # before the first key frame, or damaged on the way
+            yield from frames
+
     def _tell(self, taken: int, came: int, frame: av.VideoFrame) -> None:
         if self._problem and self._came.is_set():
-            self._on_news(CameraNews(camera=self.name, problem=None))
+            self._on_news(CameraNews(camera=self.name))
         self._problem = ""
         self._came.set()
         self._on_frame(taken, came, frame)

@@ -17,7 +17,7 @@ from pipeline.media import cameras as module
 from pipeline.media import instants
 from pipeline.media.cameras import Cameras, encoded
 from pipeline.media.live_frames import PictureEncoding, decode_color
-from tests.support.camera import STEP, TcpCamera
+from tests.support.camera import STEP, RtspServer, TcpCamera
 from tests.support.waiting import PATIENCE, until
 
 
@@ -131,6 +131,72 @@ def test_a_camera_that_is_cut_off_is_opened_again_and_the_other_goes_on():
         assert [(item.camera, item.problem is None) for item in news] == [
             ("right", False), ("right", True)
         ]  # fmt: skip
+
+
+def test_a_key_frame_is_waited_for_longer_than_a_camera(monkeypatch):
+    """As they come half a minute apart from cameras that save bandwidth."""
+    news = []
+
+    def tell(item):
+        news.append(item)
+        key.set()
+
+    monkeypatch.setattr(module, "READ_WITHIN", PATIENCE)
+    monkeypatch.setattr(module, "KEY_WITHIN", PATIENCE)
+    for patience in (4, 20, PATIENCE):  # more where the machine is slow to open it at all
+        monkeypatch.setattr(module, "OPEN_WITHIN", patience)
+        key = threading.Event()
+        try:
+            with (
+                TcpCamera(time.monotonic(), fps=50, key=key) as camera,
+                Cameras({"left": camera.address}, threading.Event(), on_news=tell) as rig,
+            ):
+                assert next(rig.instants()).pictures
+            break
+        except SceneError as error:
+            assert "sends no picture" in str(error)  # noqa: PT017
+    assert [str(item) for item in news] == [
+        "camera left sends, but no key frame yet: waiting for one"
+    ]
+
+
+@pytest.mark.usefixtures("patient")
+def test_cameras_speak_rtsp_over_tcp_or_udp_and_come_back():
+    """GStreamer's server: one camera that is asked by TCP first, one that sends by UDP alone."""
+    news, sizes, alike = [], [], 0
+    begun = time.monotonic()
+    with (
+        RtspServer("left") as first, RtspServer("right:udp") as second,
+        Cameras(
+            {"left": first.address("left"), "right": second.address("right")}, threading.Event(),
+            on_news=news.append,
+        ) as rig,
+    ):  # fmt: skip
+        assert rig.fps == RtspServer.FPS
+        for instant in rig.instants():
+            sizes.append(len(instant.pictures))
+            if sizes[-1] == 2:
+                seen = [level(instant.pictures[name]) for name in ("left", "right")]
+                alike = alike + 1 if abs(seen[0] - seen[1]) < STEP / 2 else 0
+            if alike >= 5 and len(news) == 2:
+                break
+            if alike >= 5 and not news:
+                second.restart()
+                alike = 0
+            assert time.monotonic() - begun < PATIENCE
+    assert 1 in sizes
+    assert [(item.camera, item.problem is None) for item in news] == [
+        ("right", False), ("right", True)
+    ]  # fmt: skip
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_wrong_password_is_not_tried_twice():
+    with RtspServer("left") as server:
+        address = server.address("left").replace("secret", "cret")
+        with pytest.raises(SceneError, match="401") as told:
+            Cameras({"left": address}, threading.Event())
+    assert "cret" not in str(told.value)
 
 
 def test_a_camera_that_is_not_there_is_told_without_its_password(monkeypatch):
