@@ -235,6 +235,24 @@ def _anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
+def test_what_the_code_points_to_is_there():
+    sources = [
+        path
+        for package in ("pipeline", "service", "dscqs")
+        for path in (ROOT / package).rglob("*.py")
+    ]
+    pointers = {
+        pointer
+        for path in sources
+        for pointer in re.findall(r"docs/[\w-]+\.md(?:#[\w-]+)?", path.read_text(encoding="utf-8"))
+    }
+    assert pointers
+    for pointer in pointers:
+        name, _, anchor = pointer.partition("#")
+        assert (ROOT / name).is_file(), pointer
+        assert not anchor or anchor in _anchors(ROOT / name), pointer
+
+
 def _defined(path: Path) -> set[str]:
     """Return the names that a module defines at its top, and those of its classes' members."""
     found: set[str] = set()

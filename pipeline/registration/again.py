@@ -5,6 +5,8 @@ land, show what they showed before keep their motion, and their pixels landing p
 verdict. The others are cut and fitted anew, started from the parallax motion of the rig. A few
 cells that seem to stand still are probed in every frame: where one has moved it is fitted anew,
 where most have the rig itself has, and all is.
+
+The measurements that chose the constants: docs/experiments.md#warm-frames.
 """
 
 from __future__ import annotations

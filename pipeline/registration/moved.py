@@ -4,6 +4,8 @@ What a fit from scratch finds first is how the cameras stand to one another, and
 has changed. Windows are cut and fitted anew, in fewer passes, from the parallax motion that the
 frame before has left; where they no longer keep to it the rig has changed, and all is begun
 anew.
+
+The measurements that chose the constants: docs/experiments.md#a-camera-that-moves.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""What of a target is reconstructed again in a chain, and how thoroughly."""
+"""What of a target is reconstructed again in a chain, and how thoroughly.
+
+The measurements that chose the constants: docs/experiments.md#warm-frames, and
+docs/experiments.md#a-camera-that-moves for ``MOVED``.
+"""
 
 from __future__ import annotations
 

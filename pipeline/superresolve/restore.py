@@ -1,4 +1,7 @@
-"""A frame for which nothing is registered: the quickest ways to it."""
+"""A frame for which nothing is registered: the quickest ways to it.
+
+The measurements that chose the constants: docs/experiments.md#swift-frames.
+"""
 
 from __future__ import annotations
 
