@@ -80,6 +80,17 @@ class FitPrior:
     offset_sigma: float = 10.0
     """How firmly, grey levels."""
 
+    def precision(self, directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return the precision of the mean displacement of patches, (P, 2, 2), px⁻².
+
+        Parameters
+        ----------
+        directions : (P, 2) float64
+            Unit vectors along which ``along`` holds.
+        """
+        outer = directions[:, :, None] * directions[:, None, :]
+        return outer / self.along**2 + (np.eye(2) - outer) / self.across**2
+
 
 def centres(patches: Patches) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
     """Return x, y of the windows' middles and half their larger side, each (P,), pixels."""
@@ -210,8 +221,6 @@ def fit_motions(
     """
     motion = start.copy()
     count = len(patches.windows)
-    outer = directions[:, :, None] * directions[:, None, :]
-    precision = outer / prior.along**2 + (np.eye(2) - outer) / prior.across**2
     status = np.full(count, TOO_FEW, np.int32)
     quality = np.full((count, 2), np.inf, np.float32)
     strength = np.array([1.0, prior.linear, prior.quadratic])
@@ -228,8 +237,8 @@ def fit_motions(
             at.image, at.gradient_x, at.gradient_y, onto.coefficients, at.nearness,
             NO_DESTINATION if destination_margin is None else onto.nearness,
             destination_margin or 0.0, windows, patches.ranges, int(model), motion,
-            precision * finer**2, strength, prior.offset_mean, prior.offset_sigma**-2,
-            least_scale(noise, run.level),
+            prior.precision(directions) * finer**2, strength, prior.offset_mean,
+            prior.offset_sigma**-2, least_scale(noise, run.level),
             max(int(0.5 * min_support / finer**2), 1), run.iterations, TOLERANCE, run.stride,
             status, quality,
         )  # fmt: skip

@@ -126,8 +126,7 @@ def fit_windows(
     """
     count = len(patches.windows)
     motion, stepped = start.copy(), start.copy()
-    outer = directions[:, :, None] * directions[:, None, :]
-    precision = outer / prior.along**2 + (np.eye(2) - outer) / prior.across**2
+    precision = prior.precision(directions)
     status = np.full(count, TOO_FEW, np.int32)
     scale = np.full(count, np.inf, np.float32)
     reliable = np.zeros(count, np.float32)
