@@ -39,7 +39,8 @@ def phase_coverage(
         filled = np.zeros(grid.hr_shape((lr_shape[0], lr_shape[1])), np.bool_)
     for position, mask in zip(positions, trusted, strict=True):
         _fill(
-            np.ascontiguousarray(position, np.float32), np.ascontiguousarray(mask, np.bool_),
+            np.ascontiguousarray(position, np.float32).reshape(len(position), -1),
+            np.ascontiguousarray(mask, np.bool_).view(np.uint8),
             np.float32(grid.magnification_x), np.float32(grid.offset_x),
             np.float32(grid.magnification_y), np.float32(grid.offset_y), filled,
         )  # fmt: skip
@@ -47,16 +48,45 @@ def phase_coverage(
 
 
 @njit(**OPTIONS)
-def _fill(position, trusted, magnification_x, offset_x, magnification_y, offset_y, filled):
-    """Mark the HR pixels on which trusted pixels land, in place."""
+def _fill(points, trusted, magnification_x, offset_x, magnification_y, offset_y, filled):
+    """Mark the HR pixels on which trusted pixels land, in place.
+
+    Parameters
+    ----------
+    points : (H, 2·W) float32
+        x and y in turn.
+    trusted : (H, W) uint8
+    """
     height, width = filled.shape
-    half = np.float32(0.5)
+    flat = filled.reshape(-1)
+    places = np.empty(trusted.shape[1], np.int32)
     for row in range(trusted.shape[0]):
-        for column in range(trusted.shape[1]):
-            if not trusted[row, column]:
-                continue
-            x = position[row, column, 0] * magnification_x + offset_x
-            y = position[row, column, 1] * magnification_y + offset_y
-            if x > -half and y > -half and x < width - half and y < height - half:
-                # a point half-way between two pixels always goes to the right and down
-                filled[int(np.floor(y + half)), int(np.floor(x + half))] = True
+        _find_places(
+            points[row], trusted[row], magnification_x, offset_x, magnification_y, offset_y,
+            height, width, places,
+        )  # fmt: skip
+        for column in range(places.size):
+            if places[column] >= 0:
+                flat[places[column]] = True
+
+
+@njit(**OPTIONS)
+def _find_places(
+    points, trusted, magnification_x, offset_x, magnification_y, offset_y, height, width, places
+):
+    """Write the HR pixel on which each pixel of a row lands, counted by rows; negative: none.
+
+    Without a branch, so that eight are worked on at once.
+    """
+    half, nothing = np.float32(0.5), np.float32(0.0)
+    right, under = np.float32(width) - half, np.float32(height) - half
+    pitch = np.int32(width)
+    for column in range(places.size):
+        x = points[2 * column] * magnification_x + offset_x
+        y = points[2 * column + 1] * magnification_y + offset_y
+        is_in = (x > -half) & (y > -half) & (x < right) & (y < under)
+        # a point half-way between two pixels always goes to the right and down
+        across = np.int32(np.floor((x if is_in else nothing) + half))
+        down = np.int32(np.floor((y if is_in else nothing) + half))
+        is_in = is_in & (trusted[column] != 0)
+        places[column] = down * pitch + across if is_in else np.int32(-1)

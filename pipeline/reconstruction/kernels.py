@@ -11,10 +11,17 @@ import numpy as np
 from numba import njit
 
 from pipeline.reconstruction.rows import OPTIONS, copy_row, mirror
-from pipeline.reconstruction.simd import CELL, LANES, TOGETHER, add_nine, planes_of_eight
+from pipeline.reconstruction.simd import (
+    CELL,
+    LANES,
+    TOGETHER,
+    add_nine,
+    planes_of_eight,
+    sample_eight,
+)
 
-NUM_TAPS = 14
-"""Numbers that tell what an observation adds, and where."""
+NUM_TAPS = 12
+"""Numbers that tell what an observation adds."""
 
 NUM_COUPLINGS = 13
 """Unique couplings of a 5 × 5 symmetric stencil: itself, 2 to the right, 5 + 5 below."""
@@ -27,27 +34,33 @@ LARGEST_UNIT = 65535.0
 
 
 @njit(**OPTIONS)
-def landing_rows(position_y, height, first, last):
-    """Write the first and the last HR row on which pixels of each LR row land.
+def landing_rows(position_y, weight, height, first, last):
+    """Write the first and the last HR row on which pixels of each stretch of an LR row land.
 
     Parameters
     ----------
-    position_y : (H, W) float32
-        HR pixels.
+    position_y, weight : (H, W) float32
+        HR pixels; a weight up to ``SMALLEST_WEIGHT`` leaves the pixel out.
     height : int
         KH.
-    first, last : (H,) int32
+    first, last : (H, ⌈W / TOGETHER⌉) int32
         Overwritten; first > last where none lands inside.
     """
-    for row in range(position_y.shape[0]):
-        low, high = np.float32(height), np.float32(-1.0)
-        for column in range(position_y.shape[1]):
-            y = position_y[row, column]
-            if y > -1 and y < height:
-                low = min(low, y)
-                high = max(high, y)
-        first[row] = int(np.floor(low + np.float32(0.5)))
-        last[row] = int(np.floor(high + np.float32(0.5)))
+    smallest, half = np.float32(SMALLEST_WEIGHT), np.float32(0.5)
+    below, above, top = np.float32(height), np.float32(-1.0), np.int32(height)
+    for row in range(first.shape[0]):
+        for stretch in range(first.shape[1]):
+            start = stretch * TOGETHER
+            points = position_y[row, start : start + TOGETHER]
+            weights = weight[row, start : start + TOGETHER]
+            low, high = top, np.int32(-1)
+            for k in range(points.size):
+                y = points[k]
+                is_in = (weights[k] > smallest) & (y > above) & (y < below)
+                nearest = np.int32(np.floor((y if is_in else above) + half))
+                low = min(low, nearest if is_in else top)
+                high = max(high, nearest)
+            first[row, stretch], last[row, stretch] = low, high
 
 
 @njit(**OPTIONS)
@@ -74,38 +87,39 @@ def gather_observations(
         Landing points, HR pixels.
     observed, weight : (H, W) float32
         Grey levels; a weight up to ``SMALLEST_WEIGHT`` leaves the pixel out.
-    first, last : (H,) int32
+    first, last : (H, ⌈W / TOGETHER⌉) int32
         From :func:`landing_rows`.
     level : float32
         Subtracted from what is observed, grey levels.
     lo, hi : int
-        HR rows, half-open, whose cells get all that is theirs.
+        HR rows, half-open, to which the observations are nearest that are added.
     height, width : int
         KH, KW.
-    cells : ((hi − lo + 4)·(KW + 2)·CELL,) float32
-        Rows ``lo`` − 2 to ``hi`` + 2, columns −1 to KW + 1. What falls beyond ``lo`` and ``hi``
-        is incomplete.
+    cells : (≥ (hi − lo + 2)·(KW + 2)·CELL,) float32
+        Rows ``lo`` − 1 to ``hi`` + 1, columns −1 to KW + 1.
     """
-    rows, columns = observed.shape
     stride = (width + 2) * CELL
     taps = np.empty(NUM_TAPS * TOGETHER, np.float32)
-    for row in range(rows):
-        if last[row] < lo - 1 or first[row] > hi:
-            continue
-        for start in range(0, columns, TOGETHER):
-            end = min(start + TOGETHER, columns)
+    places = np.empty(TOGETHER, np.int32)
+    for row in range(first.shape[0]):
+        for stretch in range(first.shape[1]):
+            if last[row, stretch] < lo or first[row, stretch] >= hi:
+                continue
+            start = stretch * TOGETHER
+            end = min(start + TOGETHER, observed.shape[1])
             _weigh_taps(
                 position_x[row, start:end], position_y[row, start:end], observed[row, start:end],
-                weight[row, start:end], level, lo, hi, height, width, taps,
+                weight[row, start:end], level, lo, hi, height, width, places, taps,
             )  # fmt: skip
             for k in range(end - start):
-                if taps[k] >= 0:
-                    at = (int(taps[TOGETHER + k]) - lo + 1) * stride + int(taps[k]) * CELL
-                    add_nine(cells, at, stride, taps, 2 * TOGETHER + k)
+                if places[k] >= 0:
+                    add_nine(cells, places[k], stride, taps, k)
 
 
 @njit(**OPTIONS)
-def _weigh_taps(position_x, position_y, observed, weight, level, lo, hi, height, width, taps):
+def _weigh_taps(
+    position_x, position_y, observed, weight, level, lo, hi, height, width, places, taps
+):
     """Write where observations land and what they add there; see :func:`gather_observations`.
 
     Without a branch, and what is read or written lies at known distances, so that eight are
@@ -114,14 +128,16 @@ def _weigh_taps(position_x, position_y, observed, weight, level, lo, hi, height,
     Parameters
     ----------
     position_x, position_y, observed, weight : (≤ TOGETHER,) float32
+    places : (TOGETHER,) int32
+        The first number of the first of nine cells, negative where the observation is left out.
     taps : (NUM_TAPS · TOGETHER,) float32
-        x and y of the nearest HR pixel, x negative where the observation is left out, and what
-        :func:`simd.add_nine` takes.
+        What :func:`simd.add_nine` takes.
     """
-    half, nothing, one = np.float32(0.5), np.float32(0.0), np.float32(1.0)
+    half, nothing = np.float32(0.5), np.float32(0.0)
     smallest = np.float32(SMALLEST_WEIGHT)
-    top, bottom = np.float32(max(lo - 1, 0)), np.float32(min(hi, height - 1))
+    top, bottom = np.float32(max(lo, 0)), np.float32(min(hi, height) - 1)
     right, under = np.float32(width - 1), np.float32(height - 1)
+    above, pitch = np.int32(lo), np.int32(width + 2)
     for k in range(weight.size):
         w = weight[k]
         px, py = position_x[k], position_y[k]
@@ -140,30 +156,31 @@ def _weigh_taps(position_x, position_y, observed, weight, level, lo, hi, height,
         y2 = nothing if fy == under else y2
         w0, w1, w2 = w * y0, w * y1, w * y2
         value = w * (observed[k] - level)
-        taps[k] = fx if is_in else -one
-        taps[TOGETHER + k] = fy
-        taps[2 * TOGETHER + k] = x0
-        taps[3 * TOGETHER + k] = x1
-        taps[4 * TOGETHER + k] = x2
-        taps[5 * TOGETHER + k] = w0 * y0
-        taps[6 * TOGETHER + k] = w0 * y1
-        taps[7 * TOGETHER + k] = w0 * y2
-        taps[8 * TOGETHER + k] = w1 * y1
-        taps[9 * TOGETHER + k] = w1 * y2
-        taps[10 * TOGETHER + k] = w2 * y2
-        taps[11 * TOGETHER + k] = value * y0
-        taps[12 * TOGETHER + k] = value * y1
-        taps[13 * TOGETHER + k] = value * y2
+        column, row = np.int32(fx if is_in else nothing), np.int32(fy if is_in else top)
+        cell = np.int32(CELL) * ((row - above) * pitch + column)
+        places[k] = cell if is_in else np.int32(-1)
+        taps[k] = x0
+        taps[TOGETHER + k] = x1
+        taps[2 * TOGETHER + k] = x2
+        taps[3 * TOGETHER + k] = w0 * y0
+        taps[4 * TOGETHER + k] = w0 * y1
+        taps[5 * TOGETHER + k] = w0 * y2
+        taps[6 * TOGETHER + k] = w1 * y1
+        taps[7 * TOGETHER + k] = w1 * y2
+        taps[8 * TOGETHER + k] = w2 * y2
+        taps[9 * TOGETHER + k] = value * y0
+        taps[10 * TOGETHER + k] = value * y1
+        taps[11 * TOGETHER + k] = value * y2
 
 
 @njit(**OPTIONS)
-def spread_cells(cells, lo, hi, width, couplings, units, rhs):
+def spread_cells(cells, top, lo, hi, width, couplings, units, rhs):
     """Write gathered cells as planes, of which the sweeps read eight pixels at once.
 
     Parameters
     ----------
     cells : float32
-        Of :func:`gather_observations`.
+        Of :func:`gather_observations`, from HR row ``top`` to at least two rows below ``hi``.
     couplings : (13, KH + 4, ≥ KW + 12) uint16
         Padded by two in front. Plane 0: pixel with itself; 1, 2: one and two to the right;
         3…7: one row below, x −2…2; 8…12: two rows below, x −2…2. Rows ``lo`` to ``hi``
@@ -175,26 +192,29 @@ def spread_cells(cells, lo, hi, width, couplings, units, rhs):
     plane, pitch = couplings.shape[1] * couplings.shape[2], couplings.shape[2]
     flat = couplings.reshape(-1)
     line = np.empty(width + LANES, np.float32)
-    nothing = np.float32(0.0)
-    own = below = far = nothing
-    for row in range(2, 5):
-        own, below, far = below, far, _largest(cells, row, width)
+    own, below = _largest(cells, lo - top, width), _largest(cells, lo - top + 1, width)
     for y in range(lo, hi):
         # no coupling exceeds both of its pixels' couplings with themselves
+        far = _largest(cells, y - top + 2, width)
         largest = max(max(own, below), far)
-        own, below, far = (
-            below,
-            far,
-            _largest(cells, y - lo + 5, width) if y + 3 < hi + 2 else nothing,
-        )
+        own, below = below, far
         unit = largest / np.float32(LARGEST_UNIT)
-        base = ((y - lo + 2) * (width + 2) + 1) * CELL
+        base = ((y - top) * (width + 2) + 1) * CELL
         units[y + 2] = unit
         inverse = np.float32(1.0) / unit if unit > 0 else np.float32(0.0)
         to = (y + 2) * pitch + 2
         for x in range(0, width, LANES):
             planes_of_eight(cells, base + x * CELL, inverse, flat, to + x, plane, line, x)
         copy_row(line[:width], rhs[y])
+
+
+@njit(**OPTIONS)
+def pass_on(cells, rows, width):
+    """Make the last two of so many rows of cells the first two, and empty the others."""
+    size = (width + 2) * CELL
+    for k in range(2 * size):
+        cells[k] = cells[(rows - 2) * size + k]
+    cells[2 * size :] = 0
 
 
 @njit(**OPTIONS)
@@ -333,32 +353,55 @@ def sample_spline(coefficients, position_x, position_y, row_lo, row_hi, out):
         Rows ``row_lo`` to ``row_hi`` (LR rows) are overwritten.
     """
     columns = out.shape[1]
-    height = coefficients.shape[0] - 4
-    width = coefficients.shape[1] - 4
-    half = np.float32(0.5)
+    height, width = coefficients.shape[0] - 4, coefficients.shape[1] - 4
+    flat, pitch = coefficients.reshape(-1), coefficients.shape[1]
+    places, taps = np.zeros(TOGETHER, np.int32), np.zeros(6 * TOGETHER, np.float32)
+    line = np.empty(TOGETHER, np.float32)
+    nothing = np.float32(np.nan)
     for row in range(row_lo, row_hi):
-        for column in range(columns):
-            px = position_x[row, column]
-            py = position_y[row, column]
-            if not (px > -half and py > -half and px < width - half and py < height - half):
-                out[row, column] = np.nan
-                continue
-            # positions are not negative here, and unsigned numbers need no check that they are
-            cx = np.uint64(px + half)
-            cy = np.uint64(py + half)
-            tx = px - np.float32(cx)
-            ty = py - np.float32(cy)
-            x0, x1, x2 = _spline(tx)
-            y0, y1, y2 = _spline(ty)
-            a, b, c = cx + np.uint64(1), cx + np.uint64(2), cx + np.uint64(3)
-            above = coefficients[cy + np.uint64(1)]
-            own = coefficients[cy + np.uint64(2)]
-            below = coefficients[cy + np.uint64(3)]
-            out[row, column] = (
-                y0 * (x0 * above[a] + x1 * above[b] + x2 * above[c])
-                + y1 * (x0 * own[a] + x1 * own[b] + x2 * own[c])
-                + y2 * (x0 * below[a] + x1 * below[b] + x2 * below[c])
-            )
+        for start in range(0, columns, TOGETHER):
+            end = min(start + TOGETHER, columns)
+            _spline_taps(
+                position_x[row, start:end], position_y[row, start:end], height, width, pitch,
+                places, taps,
+            )  # fmt: skip
+            for k in range(0, end - start, LANES):
+                sample_eight(flat, places, pitch, taps, k, line)
+            seen = out[row, start:end]
+            for k in range(seen.size):
+                seen[k] = line[k] if places[k] > 0 else nothing
+
+
+@njit(**OPTIONS)
+def _spline_taps(position_x, position_y, height, width, pitch, places, taps):
+    """Write of what coefficients the samples of a stretch are made, see :func:`sample_spline`.
+
+    Parameters
+    ----------
+    position_x, position_y : (≤ TOGETHER,) float32
+    places : (TOGETHER,) int32
+        The first of nine coefficients, none is; 0 outside.
+    taps : (6 · TOGETHER,) float32
+        What :func:`simd.sample_eight` takes.
+    """
+    half, nothing = np.float32(0.5), np.float32(0.0)
+    right, under = np.float32(width) - half, np.float32(height) - half
+    along = np.int32(pitch)
+    for k in range(position_x.size):
+        px, py = position_x[k], position_y[k]
+        is_in = (px > -half) & (py > -half) & (px < right) & (py < under)
+        px, py = px if is_in else nothing, py if is_in else nothing
+        fx, fy = np.floor(px + half), np.floor(py + half)
+        x0, x1, x2 = _spline(px - fx)
+        y0, y1, y2 = _spline(py - fy)
+        place = (np.int32(fy) + np.int32(1)) * along + np.int32(fx) + np.int32(1)
+        places[k] = place if is_in else np.int32(0)
+        taps[k] = x0
+        taps[TOGETHER + k] = x1
+        taps[2 * TOGETHER + k] = x2
+        taps[3 * TOGETHER + k] = y0
+        taps[4 * TOGETHER + k] = y1
+        taps[5 * TOGETHER + k] = y2
 
 
 @njit(**OPTIONS)

@@ -1,4 +1,4 @@
-"""Eight pixels at once: the loops that the compiler does not vectorise by itself.
+"""Several pixels at once: the loops that the compiler does not vectorise by itself.
 
 Each function here becomes a few vector instructions (LLVM's ``<8 x float>``, which any
 processor has or emulates); it is called from compiled loops only. Arrays are addressed by a
@@ -25,29 +25,35 @@ PATCH = 7
 """Side of the patches of :func:`weigh_patch`, pixels."""
 
 _FLOAT, _WORD, _SHORT = ir.FloatType(), ir.IntType(32), ir.IntType(16)
-_FLOATS = ir.VectorType(_FLOAT, LANES)
-_WORDS = ir.VectorType(_WORD, LANES)
-_SHORTS = ir.VectorType(_SHORT, LANES)
-_ZEROS = ir.Constant(_FLOATS, [0.0] * LANES)
 
 
-class _Eight:
-    """Writes instructions on eight numbers; sums may be contracted to multiply-adds."""
+class _Vectors:
+    """Writes instructions on so many numbers; sums may be contracted to multiply-adds."""
 
     flags = ("contract", "reassoc", "nsz", "arcp")
 
-    def __init__(self, builder: ir.IRBuilder) -> None:
+    def __init__(self, builder: ir.IRBuilder, lanes: int = LANES) -> None:
         self.builder = builder
+        self.lanes = lanes
+        self.floats, self.words, self.shorts = (
+            ir.VectorType(kind, lanes) for kind in (_FLOAT, _WORD, _SHORT)
+        )
+        self.zeros, self.halves, self.ones = map(self.constant, (0.0, 0.5, 1.0))
+
+    def constant(self, number: float):
+        """Return that number in all lanes."""
+        return ir.Constant(self.floats, [number] * self.lanes)
 
     def spread(self, number):
-        """Return eight times the same number."""
-        undefined = ir.Constant(_FLOATS, ir.Undefined)
+        """Return the same number in all lanes."""
+        undefined = ir.Constant(self.floats, ir.Undefined)
         first = self.builder.insert_element(undefined, number, ir.Constant(_WORD, 0))
-        return self.builder.shuffle_vector(first, undefined, ir.Constant(_WORDS, [0] * LANES))
+        return self.choose(first, undefined, [0] * self.lanes)
 
     def choose(self, first, second, lanes):
-        """Return the lanes named, 0 to 7 of the first and 8 to 15 of the second."""
-        return self.builder.shuffle_vector(first, second, ir.Constant(_WORDS, lanes))
+        """Return the lanes named, counted through the first and on through the second."""
+        named = ir.Constant(ir.VectorType(_WORD, len(lanes)), lanes)
+        return self.builder.shuffle_vector(first, second, named)
 
     def add(self, first, second):
         return self.builder.fadd(first, second, flags=self.flags)
@@ -58,9 +64,10 @@ class _Eight:
     def times(self, first, second):
         return self.builder.fmul(first, second, flags=self.flags)
 
-    def place(self, data, at, more: int = 0, kind=_FLOATS):
-        """Return the address of eight elements, ``more`` behind ``at``."""
+    def place(self, data, at, more: int = 0, kind=None):
+        """Return the address of a vector of elements, ``more`` behind ``at``."""
         where = self.builder.add(at, ir.Constant(at.type, more)) if more else at
+        kind = self.floats if kind is None else kind
         return self.builder.bitcast(self.builder.gep(data, [where]), kind.as_pointer())
 
     def load(self, data, at, more: int = 0):
@@ -70,9 +77,9 @@ class _Eight:
         self.builder.store(value, self.place(data, at, more), align=4)
 
     def load_shorts(self, data, at, more: int = 0):
-        """Return eight unsigned 16-bit numbers as floats."""
-        found = self.builder.load(self.place(data, at, more, _SHORTS), align=2)
-        return self.builder.uitofp(self.builder.zext(found, _WORDS), _FLOATS)
+        """Return unsigned 16-bit numbers as floats."""
+        found = self.builder.load(self.place(data, at, more, self.shorts), align=2)
+        return self.builder.uitofp(self.builder.zext(found, self.words), self.floats)
 
 
 def _data(context, builder, signature, arguments, number: int):
@@ -103,7 +110,7 @@ def add_nine(typing_context, cells, at, stride, taps, first):
     signature = types.void(cells, types.intp, types.intp, taps, types.intp)
 
     def generate(context, builder, signature, arguments):
-        eight = _Eight(builder)
+        cell = _Vectors(builder, CELL)
         data, numbers = (_data(context, builder, signature, arguments, n) for n in (0, 3))
         start, stride, first = arguments[1], arguments[2], arguments[4]
 
@@ -112,35 +119,97 @@ def add_nine(typing_context, cells, at, stride, taps, first):
             return builder.load(builder.gep(numbers, [where]))
 
         x = [number(b) for b in range(3)]
-        taps = _ZEROS
+        taps = cell.zeros
         for lane, tap_x in enumerate((*x, ir.Constant(_FLOAT, 1.0))):
             taps = builder.insert_element(taps, tap_x, ir.Constant(_WORD, lane))
 
         def tap(column: int) -> int:
-            return column if 0 <= column <= 2 else LANES  # beyond: the zero of the other vector
+            return column if 0 <= column <= 2 else CELL  # beyond: the zero of the other vector
 
         across = []
         for b in range(3):
             below = [tap(b + d) for d in range(-2, 3)]
-            own = eight.spread(x[b])
-            low = eight.choose(taps, _ZEROS, [tap(b), tap(b + 1), tap(b + 2), *below])
-            high = eight.choose(taps, _ZEROS, [*below, 3, LANES, LANES])
-            across.append((eight.times(low, own), eight.times(high, own)))
+            lanes = [tap(b), tap(b + 1), tap(b + 2), *below, *below, 3, CELL, CELL]
+            across.append(cell.times(cell.choose(taps, cell.zeros, lanes), cell.spread(x[b])))
         place = 3
         for a in range(3):
-            rows = [_ZEROS] * 3
+            rows = [cell.zeros] * 3
             for d in range(3 - a):
-                rows[d] = eight.spread(number(place))
+                rows[d] = cell.spread(number(place))
                 place += 1
-            right = eight.spread(number(9 + a))
-            low = eight.choose(rows[0], rows[1], [0, 1, 2, *range(LANES + 3, 2 * LANES)])
-            high = eight.choose(rows[2], right, [0, 1, 2, 3, 4, *range(LANES + 5, 2 * LANES)])
+            near = cell.choose(rows[0], rows[1], [*range(3), *range(CELL + 3, 2 * CELL)])
+            far = cell.choose(
+                rows[2], cell.spread(number(9 + a)), [*range(13), *range(CELL + 13, 2 * CELL)]
+            )
+            down = cell.choose(near, far, [*range(8), *range(CELL + 8, 2 * CELL)])
             line = builder.add(start, builder.mul(stride, ir.Constant(stride.type, a)))
             for b in range(3):
-                for half, (down, along) in enumerate(zip((low, high), across[b], strict=True)):
-                    more = CELL * b + LANES * half
-                    before = eight.load(data, line, more)
-                    eight.store(eight.add(before, eight.times(down, along)), data, line, more)
+                before = cell.load(data, line, CELL * b)
+                cell.store(cell.add(before, cell.times(down, across[b])), data, line, CELL * b)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def sample_eight(typing_context, image, places, pitch, taps, first, out):
+    """Write eight weighted sums of three by three pixels.
+
+    Parameters
+    ----------
+    image : float32 array
+        Four pixels are read of each row.
+    places : int32 array
+        Of the first of the nine pixels of each sum.
+    pitch : intp
+        From row to row.
+    taps : float32 array
+        x₀ x₁ x₂ y₀ y₁ y₂, ``TOGETHER`` apart.
+    first : intp
+        Of the first sum, in places, taps and ``out``.
+    out : float32 array
+    """
+    signature = types.void(image, places, types.intp, taps, types.intp, out)
+
+    def generate(context, builder, signature, arguments):
+        eight, four = _Vectors(builder), _Vectors(builder, 4)
+        pixels, starts, numbers, target = (
+            _data(context, builder, signature, arguments, number) for number in (0, 1, 3, 5)
+        )
+        pitch, first = arguments[2], arguments[4]
+
+        def at(number: int):
+            return builder.add(first, ir.Constant(first.type, number))
+
+        columns = []
+        for lane in range(LANES):
+            start = builder.load(builder.gep(starts, [at(lane)]))
+            line = builder.sext(start, pitch.type)
+            total = four.zeros
+            for row in range(3):
+                tap = builder.load(builder.gep(numbers, [at((3 + row) * TOGETHER + lane)]))
+                total = four.add(total, four.times(four.load(pixels, line), four.spread(tap)))
+                line = builder.add(line, pitch)
+            columns.append(total)
+        # transposed: the first, second and third of each
+        pairs = [
+            four.choose(columns[lane], columns[lane + 4], list(range(LANES))) for lane in range(4)
+        ]
+        low, high = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
+        even, odd = (
+            [eight.choose(pairs[half], pairs[half + 2], lanes) for lanes in (low, high)]
+            for half in range(2)
+        )
+        sums = [
+            eight.choose(even[0], odd[0], low),
+            eight.choose(even[0], odd[0], high),
+            eight.choose(even[1], odd[1], low),
+        ]
+        total = eight.zeros
+        for column, part in enumerate(sums):
+            tap = eight.load(numbers, first, column * TOGETHER)
+            total = eight.add(total, eight.times(part, tap))
+        eight.store(total, target, first)
         return context.get_dummy_value()
 
     return signature, generate
@@ -170,13 +239,13 @@ def planes_of_eight(typing_context, cells, at, inverse, planes, to, plane, value
     last = 13
 
     def generate(context, builder, signature, arguments):
-        eight = _Eight(builder)
+        eight = _Vectors(builder)
         source, target, right = (
             _data(context, builder, signature, arguments, number) for number in (0, 3, 6)
         )
         at, to, plane = arguments[1], arguments[4], arguments[5]
         inverse = eight.spread(arguments[2])
-        half = ir.Constant(_FLOATS, [0.5] * LANES)
+        half = eight.halves
         for part in range(2):
             rows = [eight.load(source, at, CELL * pixel + LANES * part) for pixel in range(LANES)]
             for _ in range(3):  # three perfect shuffles transpose eight by eight
@@ -190,10 +259,10 @@ def planes_of_eight(typing_context, cells, at, inverse, planes, to, plane, value
                     eight.store(row, right, arguments[7])
                 if number >= last:
                     continue
-                whole = builder.fptosi(eight.add(eight.times(row, inverse), half), _WORDS)
+                whole = builder.fptosi(eight.add(eight.times(row, inverse), half), eight.words)
                 where = builder.add(to, builder.mul(plane, ir.Constant(plane.type, number)))
-                address = eight.place(target, where, kind=_SHORTS)
-                builder.store(builder.trunc(whole, _SHORTS), address, align=2)
+                address = eight.place(target, where, kind=eight.shorts)
+                builder.store(builder.trunc(whole, eight.shorts), address, align=2)
         return context.get_dummy_value()
 
     return signature, generate
@@ -225,7 +294,7 @@ def stencil_eight(
     )  # fmt: skip
 
     def generate(context, builder, signature, arguments):
-        eight = _Eight(builder)
+        eight = _Vectors(builder)
         planes, pixels, result = (
             _data(context, builder, signature, arguments, number) for number in (0, 7, 13)
         )
@@ -241,7 +310,7 @@ def stencil_eight(
             return eight.load(pixels, rows[row], dx)
 
         own = eight.times(coupling(0, 0, 0), pixel(2, 0))
-        below, above, far = _ZEROS, _ZEROS, _ZEROS
+        below, above, far = eight.zeros, eight.zeros, eight.zeros
         for d in (1, 2):
             own = eight.add(own, eight.times(coupling(d, 0, 0), pixel(2, d)))
             below = eight.add(below, eight.times(coupling(d, 0, -d), pixel(2, -d)))
@@ -274,7 +343,7 @@ def blur_of_eight(
     signature = types.void(image, *(types.intp,) * 7, *(types.float32,) * 4, out, types.intp)
 
     def generate(context, builder, signature, arguments):
-        eight = _Eight(builder)
+        eight = _Vectors(builder)
         pixels = _data(context, builder, signature, arguments, 0)
         result = _data(context, builder, signature, arguments, 12)
         places, taps = arguments[1:8], [eight.spread(tap) for tap in arguments[8:12]]
@@ -320,7 +389,7 @@ def pull_of_eight(
     )  # fmt: skip
 
     def generate(context, builder, signature, arguments):
-        eight = _Eight(builder)
+        eight = _Vectors(builder)
         planes, pixels, target, soft = (
             _data(context, builder, signature, arguments, number) for number in (0, 4, 11, 12)
         )
@@ -329,7 +398,7 @@ def pull_of_eight(
         strength, share, least = arguments[8:11]
         to = arguments[13]
         centre = eight.load(pixels, row)
-        pulls, sums = [_ZEROS, _ZEROS], [_ZEROS, _ZEROS]
+        pulls, sums = [eight.zeros, eight.zeros], [eight.zeros, eight.zeros]
         for number, down, dx in _NEIGHBOURS:
             kind = number % 2
             own = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
@@ -341,14 +410,14 @@ def pull_of_eight(
                 away = eight.subtract(centre, eight.load(pixels, start, sign * dx))
                 pulls[kind] = eight.add(pulls[kind], eight.times(weight, away))
                 sums[kind] = eight.add(sums[kind], weight)
-        half = ir.Constant(_FLOATS, [0.5] * LANES)
+        half = eight.halves
         pull, total = (
             eight.times(eight.add(straight, eight.times(diagonal, half)), eight.spread(strength))
             for straight, diagonal in (pulls, sums)
         )
         eight.store(eight.subtract(eight.load(target, to), pull), target, to)
         stiff = eight.add(eight.times(total, eight.spread(share)), eight.spread(least))
-        ones = ir.Constant(_FLOATS, [1.0] * LANES)
+        ones = eight.ones
         eight.store(builder.fdiv(ones, stiff, flags=eight.flags), soft, to)
         return context.get_dummy_value()
 
@@ -366,21 +435,21 @@ def bend_of_eight(typing_context, weights, at, plane, image, row, down, out, to)
     )
 
     def generate(context, builder, signature, arguments):
-        eight = _Eight(builder)
+        eight = _Vectors(builder)
         planes, pixels, result = (
             _data(context, builder, signature, arguments, number) for number in (0, 3, 6)
         )
         first, plane = arguments[1:3]
         row, below, to = arguments[4], arguments[5], arguments[7]
         centre = eight.load(pixels, row)
-        sums = [_ZEROS, _ZEROS]
+        sums = [eight.zeros, eight.zeros]
         for number, down, dx in _NEIGHBOURS:
             kind = number % 2
             where = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
             away = eight.subtract(centre, eight.load(pixels, below if down else row, dx))
             square = eight.times(eight.times(away, away), eight.load_shorts(planes, where))
             sums[kind] = eight.add(sums[kind], square)
-        half = ir.Constant(_FLOATS, [0.5] * LANES)
+        half = eight.halves
         eight.store(eight.add(sums[0], eight.times(sums[1], half)), result, to)
         return context.get_dummy_value()
 
@@ -404,10 +473,10 @@ def weigh_patch(typing_context, image, at, pitch, taps, first):
     signature = types.float32(image, types.intp, types.intp, taps, types.intp)
 
     def generate(context, builder, signature, arguments):
-        eight = _Eight(builder)
+        eight = _Vectors(builder)
         pixels, weights = (_data(context, builder, signature, arguments, n) for n in (0, 3))
         at, pitch, first = arguments[1], arguments[2], arguments[4]
-        total = _ZEROS
+        total = eight.zeros
         for row in range(PATCH):
             where = builder.add(at, builder.mul(pitch, ir.Constant(pitch.type, row)))
             line = eight.times(eight.load(pixels, where), eight.load(weights, first, LANES * row))

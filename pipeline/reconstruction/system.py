@@ -26,7 +26,7 @@ from pipeline.frames import GreyImage
 from pipeline.grid import Grid
 from pipeline.reconstruction import kernels, sweeps
 from pipeline.reconstruction.psf import SeparableTaps
-from pipeline.reconstruction.simd import CELL, LANES
+from pipeline.reconstruction.simd import CELL, LANES, TOGETHER
 from pipeline.reconstruction.sweeps import PAD, TAIL
 from pipeline.threads import map_threads
 
@@ -36,7 +36,7 @@ NUM_BANDS = 4
 BAND_ROWS = 64
 """HR rows that a band has at least, where there is more than one."""
 
-TILE = 48
+TILE = 24
 """HR rows whose cells are gathered together, so that they stay in the processor's cache."""
 
 NEGLIGIBLE = 5e-4
@@ -134,19 +134,27 @@ class NormalEquations:
             # what lies around the image is multiplied by zeros
             self._couplings = np.empty(shape, np.uint16)
         self._regular = False
-        landing = map_threads(lambda view: _landing_rows(view[1], height), observations)
-        tile = min(TILE, max(hi - lo for lo, hi in self._bands))
+        landing = map_threads(lambda view: _landing_rows(view[1], view[3], height), observations)
+        tile = min(TILE, max(hi - lo for lo, hi in self._bands) + 2)
 
         def add(band: tuple[int, int]) -> None:
-            cells = np.empty(((tile + 4) * (width + 2) + LANES) * CELL, np.float32)
-            for lo in range(band[0], band[1], tile):
-                hi = min(lo + tile, band[1])
-                cells[:] = 0
+            # aligned: a cell is one line of the processor's cache
+            room = np.zeros(((tile + 2) * (width + 2) + LANES + 1) * CELL, np.float32)
+            cells = room[-room.ctypes.data % 64 // 4 :]
+            done = band[0]
+            for lo in range(band[0] - 1, band[1] + 1, tile):
+                hi = min(lo + tile, band[1] + 1)
                 for (x, y, value, weight), (first, last) in zip(observations, landing, strict=True):
                     kernels.gather_observations(
                         x, y, value, weight, first, last, self._level, lo, hi, height, width, cells
                     )
-                kernels.spread_cells(cells, lo, hi, width, self._couplings, self._units, self._rhs)
+                # what lands on later rows adds nothing to these
+                whole = max(hi - 1, done)
+                kernels.spread_cells(
+                    cells, lo - 1, done, whole, width, self._couplings, self._units, self._rhs
+                )
+                kernels.pass_on(cells, hi - lo + 2, width)
+                done = whole
 
         map_threads(add, self._bands)
 
@@ -375,10 +383,13 @@ def _unit(strength: float, scale: float) -> float:
     return strength / (scale * sweeps.TOP)
 
 
-def _landing_rows(y: HrImage, height: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Return the first and the last HR row on which pixels of each LR row land."""
-    first, last = (np.empty(y.shape[0], np.int32) for _ in range(2))
-    kernels.landing_rows(y, height, first, last)
+def _landing_rows(
+    y: HrImage, weight: HrImage, height: int
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Return the first and the last HR row on which pixels of stretches of LR rows land."""
+    shape = y.shape[0], -(-y.shape[1] // TOGETHER)
+    first, last = (np.empty(shape, np.int32) for _ in range(2))
+    kernels.landing_rows(y, weight, height, first, last)
     return first, last
 
 
