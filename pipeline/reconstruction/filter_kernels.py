@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.rows import OPTIONS
-from pipeline.reconstruction.simd import LANES, PATCH, weigh_patch
+from pipeline.reconstruction.rows import OPTIONS, mirror
+from pipeline.reconstruction.simd import LANES, PATCH, blur_of_eight, weigh_patches
 
 ANGLES = 4
 """Directions that are told apart between 0° and 45°; the others are mirror images of these."""
@@ -31,70 +31,221 @@ _TINY = np.float32(1e-12)
 """Energy below which a structure has no direction, grey levels squared."""
 
 
+HALO = 5
+"""Rows above and below one that tell its kinds and what is added to it."""
+
+REACH = 4
+"""Pixels to each side in the window of the structure tensor."""
+
+
 @njit(**OPTIONS)
-def classify(xx, xy, yy, views, tells_views, kinds):
-    """Write the kind of each pixel: mirroring · number of classes + class.
+def pad(image, lo, hi, side, lowest, highest, padded):
+    """Write rows ``lo`` to ``hi`` of an image with a margin, reflected about its edge.
+
+    Parameters
+    ----------
+    image : (H, W) float32
+    lo, hi : int
+        May lie outside the image.
+    side : int
+        Columns before the first one.
+    lowest, highest : float
+        Grey levels beyond are cut off.
+    padded : (hi − lo, ≥ W + 2 · side) float32
+    """
+    height, width = image.shape
+    least, most = np.float32(lowest), np.float32(highest)
+    for row in range(lo, hi):
+        own, line = image[mirror(row, height)], padded[row - lo]
+        inner = line[side : side + width]
+        for x in range(width):
+            inner[x] = min(max(own[x], least), most)
+        for k in range(side):
+            line[k] = inner[mirror(k - side, width)]
+        for k in range(side + width, line.size):
+            line[k] = inner[mirror(k - side, width)]
+
+
+@njit(**OPTIONS)
+def _reflected(index, size):
+    """Return the index reflected about the outermost pixels, as often as need be."""
+    if size == 1:
+        return 0
+    index %= 2 * size - 2
+    return index if index < size else 2 * size - 2 - index
+
+
+@njit(**OPTIONS)
+def _reflect(line, width):
+    """Write the ``REACH`` pixels before and behind the ``width`` of a line."""
+    for k in range(1, REACH + 1):
+        line[REACH - k] = line[REACH + _reflected(-k, width)]
+        line[REACH + width - 1 + k] = line[REACH + _reflected(width - 1 + k, width)]
+
+
+@njit(**OPTIONS)
+def classify(padded, side, width, height, lo, hi, window, views, tells_views, kinds):
+    """Write the kinds of rows ``lo`` to ``hi``: mirroring · number of classes + class.
 
     Mirroring 0: none, 1: about the diagonal, 2: left and right, 3: left and right, then about the
     diagonal. Class: angle, strength, coherence and number of views, the last running fastest.
 
+    The structure tensor streams by: products of Sobel's differences, smoothed along rows and kept
+    for as many rows as are smoothed along columns.
+
     Parameters
     ----------
-    xx, xy, yy : (H, W) float32
-        Structure tensor, grey levels squared.
+    padded : (hi − lo + 2 · HALO, ≥ side + W) float32
+        Rows ``lo`` − HALO to ``hi`` + HALO of the image.
+    side : int
+        Column of its first pixel.
+    width, height : int
+        W, H.
+    window : (REACH + 1,) float32
+        Half taps of what smooths the tensor.
     views : (H, W) float32
         How many views observe what lies around each pixel.
     tells_views : int
         1 where the classes tell how many, 0 where they do not.
-    kinds : (H, W) int16
+    kinds : (hi − lo, ≥ W) int16
         Overwritten.
     """
-    loads = 1 + len(_LOADS) * tells_views
-    count = ANGLES * (len(_ENERGIES) + 1) * (len(_RATIOS) + 1) * loads
-    half = np.float32(0.5)
-    for row in range(kinds.shape[0]):
-        for column in range(kinds.shape[1]):
-            across = xx[row, column] - yy[row, column]
-            slant = np.float32(2.0) * xy[row, column]
-            spread = np.sqrt(across * across + slant * slant)
-            total = xx[row, column] + yy[row, column]
-            larger = half * (total + spread)
-            smaller = half * (total - spread)
-            mirroring = np.int32(2) * (slant < 0) + (across < 0)
-            slant, across = abs(slant), abs(across)
-            angle = strength = roundness = load = np.int32(0)
-            for limit in TANGENTS:
-                angle += slant > limit * across
-            for limit in _ENERGIES:
-                strength += larger >= limit
-            for limit in _RATIOS:
-                roundness += smaller > limit * larger + _TINY
-            for limit in _LOADS:
-                load += views[row, column] >= limit
-            found = (angle * (len(_ENERGIES) + 1) + strength) * (len(_RATIOS) + 1) + roundness
-            kinds[row, column] = mirroring * count + found * loads + load * tells_views
+    lines = 2 * REACH + 1
+    # the tensor's three numbers, rows smoothed along x; room for eights
+    length = width + 2 * REACH + LANES
+    ring = np.zeros((3, lines, length), np.float32)
+    flat = ring.reshape(-1)
+    products = np.zeros((3, length), np.float32)
+    rows = products.reshape(-1)
+    tensor = np.zeros((3, width + LANES), np.float32)
+    sums, steps = np.zeros(length, np.float32), np.zeros(length, np.float32)
+    taps = window[0], window[1], window[2], window[3], window[4]
+    next_row = max(0, lo - REACH)
+    for y in range(lo, hi):
+        while next_row < min(height, y + REACH + 1):
+            v = next_row
+            _differ(
+                padded[_reflected(v - 1, height) - lo + HALO, side:],
+                padded[v - lo + HALO, side:],
+                padded[_reflected(v + 1, height) - lo + HALO, side:],
+                width, sums, steps, products,
+            )  # fmt: skip
+            for plane in range(3):
+                _reflect(products[plane], width)
+                first, to = plane * length, (plane * lines + v % lines) * length
+                for x in range(0, width, LANES):
+                    at = first + x
+                    blur_of_eight(
+                        rows,
+                        (at + 4, at + 3, at + 5, at + 2, at + 6, at + 1, at + 7, at, at + 8),
+                        taps, flat, to + x,
+                    )  # fmt: skip
+            next_row += 1
+        a4, a3, a2, a1 = (
+            _reflected(y - 4, height) % lines * length, _reflected(y - 3, height) % lines * length,
+            _reflected(y - 2, height) % lines * length, _reflected(y - 1, height) % lines * length,
+        )  # fmt: skip
+        b4, b3, b2, b1 = (
+            _reflected(y + 4, height) % lines * length, _reflected(y + 3, height) % lines * length,
+            _reflected(y + 2, height) % lines * length, _reflected(y + 1, height) % lines * length,
+        )  # fmt: skip
+        for plane in range(3):
+            for x in range(0, width, LANES):
+                at = plane * lines * length + x
+                blur_of_eight(
+                    flat,
+                    (
+                        at + y % lines * length, at + a1, at + b1, at + a2, at + b2, at + a3,
+                        at + b3, at + a4, at + b4,
+                    ),
+                    taps, tensor[plane], x,
+                )  # fmt: skip
+        _find_kinds(tensor, views[y], tells_views, kinds[y - lo, :width])
 
 
 @njit(**OPTIONS)
-def apply(padded, kinds, taps, out):
-    """Write each pixel plus the weighted sum of the patch around it.
+def _differ(above, own, below, width, sums, steps, products):
+    """Write the products of a row's differences along x and y, an eighth of Sobel's.
 
     Parameters
     ----------
-    padded : (H + 6, W + 6 or more) float32
-        The image with a margin of half a patch, and eight pixels from the last patch's first.
-    kinds : (H, W) int16
-        Of :func:`classify`.
+    above, own, below : (≥ W,) float32
+    sums, steps, products : float32
+        Rows with ``REACH`` more pixels on each side, the first two to work in.
+    """
+    two, eighth = np.float32(2.0), np.float32(0.125)
+    inner, steps_inner = sums[REACH:], steps[REACH:]
+    for x in range(width):
+        inner[x] = above[x] + two * own[x] + below[x]
+    for x in range(width):
+        steps_inner[x] = below[x] - above[x]
+    _reflect(sums, width)
+    _reflect(steps, width)
+    before, after = sums[REACH - 1 :], sums[REACH + 1 :]
+    left, right = steps[REACH - 1 :], steps[REACH + 1 :]
+    xx, xy, yy = products[0, REACH:], products[1, REACH:], products[2, REACH:]
+    for x in range(width):
+        across = eighth * (after[x] - before[x])
+        down = eighth * (left[x] + two * steps_inner[x] + right[x])
+        xx[x] = across * across
+        xy[x] = across * down
+        yy[x] = down * down
+
+
+@njit(**OPTIONS)
+def _find_kinds(tensor, views, tells_views, kinds):
+    """Write the kinds of a row, see :func:`classify`."""
+    loads = np.int32(1 + len(_LOADS) * tells_views)
+    tells = np.int32(tells_views)
+    count = np.int32(ANGLES * (len(_ENERGIES) + 1) * (len(_RATIOS) + 1)) * loads
+    half, two = np.float32(0.5), np.float32(2.0)
+    xx, xy, yy = tensor[0], tensor[1], tensor[2]
+    for x in range(kinds.size):
+        across = xx[x] - yy[x]
+        slant = two * xy[x]
+        spread = np.sqrt(across * across + slant * slant)
+        total = xx[x] + yy[x]
+        larger = half * (total + spread)
+        smaller = half * (total - spread)
+        mirroring = np.int32(2) * np.int32(slant < 0) + np.int32(across < 0)
+        slant, across = abs(slant), abs(across)
+        angle = strength = roundness = load = np.int32(0)
+        for limit in TANGENTS:
+            angle += np.int32(slant > limit * across)
+        for limit in _ENERGIES:
+            strength += np.int32(larger >= limit)
+        for limit in _RATIOS:
+            roundness += np.int32(smaller > limit * larger + _TINY)
+        for limit in _LOADS:
+            load += np.int32(views[x] >= limit)
+        found = (angle * np.int32(len(_ENERGIES) + 1) + strength) * np.int32(len(_RATIOS) + 1)
+        kinds[x] = mirroring * count + (found + roundness) * loads + load * tells
+
+
+@njit(**OPTIONS)
+def apply(padded, kinds, taps, share, out):
+    """Write each pixel plus a share of the weighted sum of the patch around it.
+
+    Parameters
+    ----------
+    padded : (H + 2 · HALO, ≥ W + 6 + LANES) float32
+        The image with a margin of half a patch at the left, and eight pixels from the last patch's
+        first at the right.
+    kinds : (H, ≥ W + LANES) int16
+        Of :func:`classify`; any kinds behind the last pixel.
     taps : (kinds, PATCH · LANES) float32
         In rows of LANES, the last lane zero.
+    share : float32
     out : (H, W) float32
         Overwritten.
     """
     pixels, weights = padded.reshape(-1), taps.reshape(-1)
-    pitch, middle = padded.shape[1], PATCH // 2
+    pitch, middle, width = padded.shape[1], PATCH // 2, out.shape[1]
+    more = np.empty(width + LANES, np.float32)
     for row in range(out.shape[0]):
-        for column in range(out.shape[1]):
-            at = row * pitch + column
-            first = kinds[row, column] * (PATCH * LANES)
-            more = weigh_patch(pixels, at, pitch, weights, first)
-            out[row, column] = padded[row + middle, column + middle] + more
+        first = (row + HALO - middle) * pitch
+        for x in range(0, width, LANES):
+            weigh_patches(pixels, first + x, pitch, weights, kinds[row], x, more)
+        own, line = padded[row + HALO, middle:], out[row]
+        for x in range(width):
+            line[x] = own[x] + share * more[x]

@@ -209,7 +209,7 @@ def parts_alone(
         wide = widened(near, reference.shape, restoration.reach)
         estimate = restoration.apply(reference[wide], grid)[on_hr_grid(within(near, wide), grid)]
         if learned is not None:
-            estimate = learned.of_one.apply(np.clip(estimate, 0.0, 255.0))
+            estimate = learned.of_one.apply(estimate)
         yield estimate[on_hr_grid(within(box, near), grid)]
 
 

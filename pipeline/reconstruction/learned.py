@@ -29,12 +29,9 @@ RADIUS = PATCH // 2
 """Of a patch, pixels."""
 
 SURROUNDINGS = 1.2
-"""σ of the window of the structure tensor, pixels; …"""
+"""σ of the window of the structure tensor, pixels."""
 
-WINDOW = 9
-"""… and its side."""
-
-REACH = max(RADIUS, WINDOW // 2 + 1)
+REACH = filter_kernels.HALO
 """Pixels to each side that tell what becomes of one, without the number of views."""
 
 ONE_VIEW = 0.3525
@@ -82,8 +79,10 @@ class FilterBank:
             padded[number, :, :, :PATCH] = kernels
         return padded.reshape(4 * len(half), PATCH * LANES)
 
-    def apply(self, image: GreyImage, views: GreyImage | None = None) -> npt.NDArray[np.float32]:
-        """Return the image corrected, (H, W) float32.
+    def apply(
+        self, image: GreyImage, views: GreyImage | None = None, share: float = 1.0
+    ) -> npt.NDArray[np.float32]:
+        """Return the image, cut off at 0 and 255, with a share of its correction, (H, W) float32.
 
         Parameters
         ----------
@@ -91,15 +90,18 @@ class FilterBank:
             Grey levels.
         views : (H, W) float32, optional
             How many views observe what lies around each pixel; needed where the classes tell.
+        share : float
+            Of the correction.
         """
         height, width = image.shape
-        padded = cv2.copyMakeBorder(image, RADIUS, RADIUS, RADIUS, RADIUS + 1, cv2.BORDER_REFLECT)
         out = np.empty((height, width), np.float32)
+        # contiguous and writable, for one compilation
+        image = np.require(image, np.float32, "CW")
 
         def work(band: tuple[int, int]) -> None:
             lo, hi = band
-            kinds = kinds_of(image, views, band)
-            filter_kernels.apply(padded[lo : hi + 2 * RADIUS], kinds, self.kernels, out[lo:hi])
+            padded, kinds = _padded_and_kinds(image, views, band)
+            filter_kernels.apply(padded, kinds, self.kernels, np.float32(share), out[lo:hi])
 
         map_threads(work, bands(height))
         return out
@@ -125,9 +127,7 @@ class LearnedFilters:
         estimate, density : (K·H, K·W) float32
             See :class:`fused.FusedResult`.
         """
-        image = np.clip(estimate, 0.0, 255.0)
-        finished = self.of_all.apply(image, views_seen(density, self.magnification))
-        return cv2.addWeighted(image, 1 - self.trust, finished, self.trust, 0.0)
+        return self.of_all.apply(estimate, views_seen(density, self.magnification), self.trust)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -188,21 +188,29 @@ def kinds_of(
     image: GreyImage, views: GreyImage | None, band: tuple[int, int]
 ) -> npt.NDArray[np.int16]:
     """Return the class of each pixel of some rows, and how it is mirrored."""
-    lo, hi = band
-    halo = WINDOW // 2 + 1
-    top, bottom = max(lo - halo, 0), min(hi + halo, len(image))
-    part, inner = image[top:bottom], slice(lo - top, hi - top)
-    across = cv2.Sobel(part, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
-    down = cv2.Sobel(part, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
-    tensor = (
-        cv2.GaussianBlur(product, (WINDOW, WINDOW), SURROUNDINGS)[inner]
-        for product in (across * across, across * down, down * down)
-    )
-    kinds = np.empty((hi - lo, image.shape[1]), np.int16)
+    return _padded_and_kinds(image, views, band)[1][:, : image.shape[1]]
+
+
+def _padded_and_kinds(
+    image: GreyImage, views: GreyImage | None, band: tuple[int, int]
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]]:
+    """Return some rows of an image as :func:`filter_kernels.apply` takes them, and their kinds."""
+    (height, width), (lo, hi), halo = image.shape, band, filter_kernels.HALO
+    padded = np.empty((hi - lo + 2 * halo, width + 2 * RADIUS + 2 * LANES), np.float32)
+    filter_kernels.pad(image, lo - halo, hi + halo, RADIUS, 0.0, 255.0, padded)
+    kinds = np.zeros((hi - lo, width + LANES), np.int16)
     filter_kernels.classify(
-        *tensor, (image if views is None else views)[lo:hi], int(views is not None), kinds,
+        padded, RADIUS, width, height, lo, hi, _window(), image if views is None else views,
+        int(views is not None), kinds,
     )  # fmt: skip
-    return kinds
+    return padded, kinds
+
+
+@functools.cache
+def _window() -> npt.NDArray[np.float32]:
+    """Return the half taps of the window of the structure tensor."""
+    side = 2 * filter_kernels.REACH + 1
+    return cv2.getGaussianKernel(side, SURROUNDINGS)[filter_kernels.REACH :, 0].astype(np.float32)
 
 
 def views_seen(density: GreyImage, magnification: int) -> npt.NDArray[np.float32]:

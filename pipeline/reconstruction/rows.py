@@ -28,21 +28,20 @@ def mirror(index, size):
 
 
 @njit(**OPTIONS)
-def _four(flat, middle, a1, b1, a2, b2, a3, b3, taps, size, out):
+def _four(flat, places, taps, size, out):
     """Write a row weighted by the middle tap and the three beside it."""
-    tap0, tap1, tap2, tap3 = taps[0], taps[1], taps[2], taps[3]
+    middle, a1, b1, a2, b2, a3, b3 = places
+    four = taps[0], taps[1], taps[2], taps[3]
     whole = size - size % LANES
     for x in range(0, whole, LANES):
-        blur_of_eight(
-            flat, middle + x, a1 + x, b1 + x, a2 + x, b2 + x, a3 + x, b3 + x,
-            tap0, tap1, tap2, tap3, out, x,
-        )  # fmt: skip
+        at = middle + x, a1 + x, b1 + x, a2 + x, b2 + x, a3 + x, b3 + x
+        blur_of_eight(flat, at, four, out, x)
     for x in range(whole, size):
         out[x] = (
-            tap0 * flat[middle + x]
-            + tap1 * (flat[a1 + x] + flat[b1 + x])
-            + tap2 * (flat[a2 + x] + flat[b2 + x])
-            + tap3 * (flat[a3 + x] + flat[b3 + x])
+            four[0] * flat[middle + x]
+            + four[1] * (flat[a1 + x] + flat[b1 + x])
+            + four[2] * (flat[a2 + x] + flat[b2 + x])
+            + four[3] * (flat[a3 + x] + flat[b3 + x])
         )
 
 
@@ -85,10 +84,8 @@ def blur_row(row, taps, room, out):
         room[reach + size - 1 + k] = row[mirror(size - 1 + k, size)]
     k = 1
     if reach >= 3:
-        _four(
-            room, reach, reach - 1, reach + 1, reach - 2, reach + 2, reach - 3, reach + 3, taps,
-            size, out,
-        )  # fmt: skip
+        places = reach, reach - 1, reach + 1, reach - 2, reach + 2, reach - 3, reach + 3
+        _four(room, places, taps, size, out)
         k = 4
     else:
         _scaled(row, taps[0], out)
@@ -109,13 +106,13 @@ def blur_ring(ring, y, taps, height, width, out):
     reach, lines, pitch = taps.size - 1, ring.shape[0], ring.shape[1]
     k = 1
     if reach >= 3:
-        _four(
-            ring.reshape(-1), y % lines * pitch,
+        places = (
+            y % lines * pitch,
             mirror(y - 1, height) % lines * pitch, mirror(y + 1, height) % lines * pitch,
             mirror(y - 2, height) % lines * pitch, mirror(y + 2, height) % lines * pitch,
             mirror(y - 3, height) % lines * pitch, mirror(y + 3, height) % lines * pitch,
-            taps, width, out,
         )  # fmt: skip
+        _four(ring.reshape(-1), places, taps, width, out)
         k = 4
     else:
         _scaled(ring[y % lines, :width], taps[0], out)

@@ -22,7 +22,7 @@ TOGETHER = 128
 """Observations whose taps are worked out together, before they are added one by one."""
 
 PATCH = 7
-"""Side of the patches of :func:`weigh_patch`, pixels."""
+"""Side of the patches of :func:`weigh_patches`, pixels."""
 
 _FLOAT, _WORD, _SHORT = ir.FloatType(), ir.IntType(32), ir.IntType(16)
 
@@ -329,29 +329,36 @@ def stencil_eight(
 
 
 @intrinsic
-def blur_of_eight(
-    typing_context, image, middle, a1, b1, a2, b2, a3, b3, tap0, tap1, tap2, tap3, out, to
-):
-    """Write tap0 · middle + tap1 · (a1 + b1) + tap2 · (a2 + b2) + tap3 · (a3 + b3).
+def blur_of_eight(typing_context, image, places, taps, out, to):
+    """Write eight sums of pixels, each pair of them times its tap.
 
     Parameters
     ----------
     image : float32 array
-    middle, a1 … b3 : intp
-        Of the first of eight pixels, each.
+    places : tuple of intp
+        Of the first of eight pixels, each: the middle ones, then pair by pair.
+    taps : tuple of float32
+        Of the middle ones, then of each pair.
+    out, to : float32 array, intp
+        Where the result goes.
     """
-    signature = types.void(image, *(types.intp,) * 7, *(types.float32,) * 4, out, types.intp)
+    signature = types.void(image, places, taps, out, types.intp)
 
     def generate(context, builder, signature, arguments):
         eight = _Vectors(builder)
-        pixels = _data(context, builder, signature, arguments, 0)
-        result = _data(context, builder, signature, arguments, 12)
-        places, taps = arguments[1:8], [eight.spread(tap) for tap in arguments[8:12]]
-        total = eight.times(eight.load(pixels, places[0]), taps[0])
-        for number in range(1, 4):
-            pair = (eight.load(pixels, place) for place in places[2 * number - 1 : 2 * number + 1])
-            total = eight.add(total, eight.times(eight.add(*pair), taps[number]))
-        eight.store(total, result, arguments[13])
+        pixels, result = (_data(context, builder, signature, arguments, n) for n in (0, 3))
+        parts = [
+            eight.load(pixels, builder.extract_value(arguments[1], n)) for n in range(len(places))
+        ]
+        sums = [
+            parts[0],
+            *(eight.add(*pair) for pair in zip(parts[1::2], parts[2::2], strict=True)),
+        ]
+        total = eight.zeros
+        for number, part in enumerate(sums):
+            tap = eight.spread(builder.extract_value(arguments[2], number))
+            total = eight.add(total, eight.times(part, tap))
+        eight.store(total, result, arguments[4])
         return context.get_dummy_value()
 
     return signature, generate
@@ -457,33 +464,53 @@ def bend_of_eight(typing_context, weights, at, plane, image, row, down, out, to)
 
 
 @intrinsic
-def weigh_patch(typing_context, image, at, pitch, taps, first):
-    """Return the sum of a patch's pixels, each times its tap.
+def weigh_patches(typing_context, image, at, pitch, taps, kinds, first, out):
+    """Write the sums of the pixels of eight patches beside each other, each times its tap.
 
     Parameters
     ----------
     image : float32 array
     at, pitch : intp
-        Of the patch's first pixel; from row to row.
+        Of the first patch's first pixel; from row to row.
     taps : float32 array
-        PATCH rows of LANES, the last lane zero.
+        For each kind PATCH rows of LANES, the last lane zero.
+    kinds : int16 array
+        Of the patches.
     first : intp
-        Of the first tap.
+        Of the first patch, in ``kinds`` and ``out``.
+    out : float32 array
     """
-    signature = types.float32(image, types.intp, types.intp, taps, types.intp)
+    signature = types.void(image, types.intp, types.intp, taps, kinds, types.intp, out)
 
     def generate(context, builder, signature, arguments):
         eight = _Vectors(builder)
-        pixels, weights = (_data(context, builder, signature, arguments, n) for n in (0, 3))
-        at, pitch, first = arguments[1], arguments[2], arguments[4]
-        total = eight.zeros
-        for row in range(PATCH):
-            where = builder.add(at, builder.mul(pitch, ir.Constant(pitch.type, row)))
-            line = eight.times(eight.load(pixels, where), eight.load(weights, first, LANES * row))
-            total = eight.add(total, line)
-        for half in (4, 2, 1):
-            turned = eight.choose(total, total, [(lane + half) % LANES for lane in range(LANES)])
-            total = eight.add(total, turned)
-        return builder.extract_element(total, ir.Constant(_WORD, 0))
+        pixels, weights, numbers, result = (
+            _data(context, builder, signature, arguments, n) for n in (0, 3, 4, 6)
+        )
+        at, pitch, first = arguments[1], arguments[2], arguments[5]
+        totals = []
+        for lane in range(LANES):
+            where = builder.add(first, ir.Constant(first.type, lane))
+            kind = builder.sext(builder.load(builder.gep(numbers, [where])), first.type)
+            tap = builder.mul(kind, ir.Constant(first.type, PATCH * LANES))
+            line, total = at, eight.zeros
+            for row in range(PATCH):
+                taps_of_row = eight.load(weights, tap, LANES * row)
+                total = eight.add(total, eight.times(eight.load(pixels, line, lane), taps_of_row))
+                line = builder.add(line, pitch)
+            totals.append(total)
+        # halves are added up, of more and more patches in one vector; in this order they end up
+        # one after the other
+        totals = [totals[lane] for lane in (0, 4, 2, 6, 1, 5, 3, 7)]
+        for size in (4, 2, 1):
+            count = len(totals) // 2
+            low = [lane for lane in range(2 * LANES) if lane % (2 * size) < size]
+            high = [lane + size for lane in low]
+            totals = [
+                eight.add(eight.choose(*pair, low), eight.choose(*pair, high))
+                for pair in zip(totals[:count], totals[count:], strict=True)
+            ]
+        eight.store(totals[0], result, first)
+        return context.get_dummy_value()
 
     return signature, generate

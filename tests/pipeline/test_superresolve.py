@@ -434,12 +434,14 @@ def test_a_target_that_is_not_observed_is_refused(frame):
 
 
 def test_observed_views_limit_what_is_used(frame):
+    # without learned filters: where sums come in another order, a pixel may get another one
+    settings = replace(SETTINGS, filters="none")
     result = superresolve(
-        _grey(frame), SETTINGS, targets=("cam1",), observed_views=("cam2", "cam1")
+        _grey(frame), settings, targets=("cam1",), observed_views=("cam2", "cam1")
     )
     assert {view.view_id for view in result.report.targets[0].views} == {"cam1", "cam2"}
     without = replace(_grey(frame), views=tuple(_grey(frame).views[1:]))
-    alone = superresolve(without, SETTINGS, targets=("cam1",))
+    alone = superresolve(without, settings, targets=("cam1",))
     np.testing.assert_allclose(alone.images["cam1"].luma, result.images["cam1"].luma, atol=0.01)
 
 
