@@ -169,7 +169,7 @@ def _run_submit(arguments: argparse.Namespace) -> int:
 
     from pipeline.config import Settings
     from pipeline.job import InputOptions, OutputOptions
-    from service.client import ServiceError, scene_files, scene_name
+    from service.client import scene_files, scene_name
     from service.options import collect
 
     output = collect(arguments, OutputOptions)
@@ -193,8 +193,9 @@ def _run_submit(arguments: argparse.Namespace) -> int:
         else:
             files = scene_files(arguments.scene)
             request["name"] = scene_name(arguments.scene)
-            if not any(path.is_file() for path in files.values()):
-                raise ServiceError(f"{arguments.scene}: there is no such scene")
+            size = sum(path.stat().st_size for path in files.values())
+            count = f"{len(files)} file{'s'[: len(files) != 1]}"
+            sys.stderr.write(f"sending {count}, {size / 1e6:.1f} MB\n")
             job = client.submit_files(files, request, key=key)
         sys.stdout.write(f"job {job.id}\n")
         sys.stdout.flush()

@@ -20,7 +20,8 @@ from typing import Any
 import httpx
 
 from pipeline.errors import PipelineError, SceneError
-from pipeline.media.eye_files import LAYOUT, eyes_beside
+from pipeline.media.eye_files import LAYOUT, eyes_beside, name_of_pair
+from pipeline.media.manifest import MANIFEST_NAME
 
 FINAL = ("succeeded", "failed", "cancelled")
 
@@ -209,21 +210,32 @@ class Client:
 
 
 def scene_files(scene: Path) -> dict[str, Path]:
-    """Return the files to send for a scene: itself, or all that lies beside its manifest.
+    """Return the files to send for a scene, by the names that they get: those that it is read from.
 
     Of a video of one eye both eyes' are sent.
+
+    Raises
+    ------
+    SceneError
+        If a folder or a manifest is no scene.
     """
-    folder = scene.parent if scene.name == "scene.json" else scene
-    if not folder.is_dir():
+    from pipeline.media.layouts import describe_path  # codecs, which other commands need not load
+
+    is_manifest = scene.suffix.lower() == ".json"
+    if scene.is_file() and not is_manifest:
         eyes = eyes_beside(scene)
         if eyes is None or not _is_one_eye(scene):
             return {scene.name: scene}
-        return {path.name: path for path in eyes.files(range(0)) if path.is_file()}
-    return {
-        path.relative_to(folder).as_posix(): path
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and not any(p.startswith(".") for p in path.relative_to(folder).parts)
+        return {path.name: path for path in eyes.present_files()}
+    description = describe_path(scene)
+    files = {
+        path.relative_to(description.root).as_posix(): path
+        for path in description.present_files()
+        if path != description.source
     }
+    if description.layout == "manifest" and description.source is not None:
+        files[MANIFEST_NAME] = description.source
+    return files
 
 
 def _is_one_eye(video: Path) -> bool:
@@ -237,14 +249,14 @@ def _is_one_eye(video: Path) -> bool:
 
 
 def scene_name(scene: Path) -> str:
-    """Return what a scene is called: its folder's name, or its file's.
+    """Return what a scene is called: its folder's name, or its file's, without a word for an eye.
 
     >>> scene_name(Path("hall/scene.json")), scene_name(Path("clip.mp4"))
     ('hall', 'clip')
     """
     scene = scene.resolve()
     of = scene.parent if scene.name == "scene.json" else scene
-    return of.name if of.is_dir() else of.stem
+    return name_of_pair(of, of.parent.name) or (of.name if of.is_dir() else of.stem)
 
 
 def _taken(answer: httpx.Response) -> httpx.Response:

@@ -36,6 +36,7 @@ _OTHER = {"left": "right", "l": "r", "right": "left", "r": "l"}
 _NUMBERED = re.compile(r"(.*?)(\d+)(\D*\.\w+)", re.DOTALL)
 """What stands before the last number of a name, the number, and the rest."""
 _WORD = r"[^\W\d_]+"
+_EYE = re.compile(r"(?<![^\W\d_])(?:left|right|l|r)(?![^\W\d_])", re.IGNORECASE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +86,35 @@ def eyes_beside(path: Path) -> SceneDescription | None:
         return None
     (pair,) = _pairs([path.name, other])
     return _of_videos(path.absolute().parent.resolve(), pair)
+
+
+def name_of_pair(video: Path, otherwise: str) -> str | None:
+    """Return what one eye's video and the other's beside it are called together.
+
+    Parameters
+    ----------
+    video : Path
+        Of either eye.
+    otherwise : str
+        Their name where that of the eye is all that they are called.
+
+    Returns
+    -------
+    str or None
+        The name without its word for an eye; None: there is no other eye's.
+    """
+    return None if eyes_beside(video) is None else _without_eye(video.stem) or otherwise
+
+
+def _without_eye(name: str) -> str:
+    """Return a name without its one word for an eye.
+
+    >>> _without_eye("clip_R"), _without_eye("L - shot 3"), _without_eye("a-left_v2")
+    ('clip', 'shot 3', 'a_v2')
+    """
+    before, after = _EYE.split(name, maxsplit=1)
+    ends = "".join(set(re.findall(r"[\W_]", name)))
+    return before.rstrip(ends) + after if before.strip(ends) else after.lstrip(ends)
 
 
 def _seen(folder: Path) -> list[Path]:

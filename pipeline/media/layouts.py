@@ -169,6 +169,7 @@ def _msr_3d_video(folder: Path) -> SceneDescription | None:
         frame_count=max(frames) - min(frames) + 1,
         layout="msr-3d-video",
         notes=tuple(notes),
+        beside=tuple(sorted(path.name for path in folder.glob("*.txt"))),
     )
 
 
@@ -275,8 +276,9 @@ def _middlebury_2014(folder: Path) -> SceneDescription | None:
         for index in (0, 1)
     )
     return SceneDescription(
-        root=folder, views=views, depth=encoding, layout="middlebury-2014", notes=tuple(notes)
-    )
+        root=folder, views=views, depth=encoding, layout="middlebury-2014", notes=tuple(notes),
+        beside=("calib.txt",) if (folder / "calib.txt").is_file() else (),
+    )  # fmt: skip
 
 
 def _middlebury_calibration(

@@ -181,6 +181,8 @@ class SceneDescription:
     """What was guessed, ignored or put right while reading, a sentence each."""
     source: Path | None = None
     """The manifest or file that said so, for messages."""
+    beside: tuple[str, ...] = ()
+    """Paths below the folder of what else was looked at: files of calibration."""
 
     def __post_init__(self) -> None:
         where = self.source or self.root
@@ -223,6 +225,22 @@ class SceneDescription:
                     yield from (self.root / locator.path_of(number) for number in numbers)
                 elif locator is not None:
                     yield self.root / locator.path
+
+    def present_files(self) -> Iterator[Path]:
+        """Yield the files that are there of all frames: what another place needs of the scene."""
+        last = self.first_frame + (self.frame_count or 0)
+        if self.frame_count is None:
+            rows = [
+                locator
+                for view in self.views
+                for locator in (view.color, view.depth)
+                if isinstance(locator, ImageFiles) and not locator.is_still
+            ]
+            while any((self.root / row.path_of(last)).is_file() for row in rows):
+                last += 1
+        files = self.files(range(self.first_frame, max(last, self.first_frame + 1)))
+        yield from (path for path in files if path.is_file())
+        yield from (self.root / name for name in self.beside)
 
     def _order_views(self) -> None:
         cameras = [view.calibration for view in self.views if view.calibration is not None]

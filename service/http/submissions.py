@@ -19,6 +19,7 @@ from starlette.formparsers import MultiPartException
 from starlette.requests import ClientDisconnect
 
 from pipeline.job import Job
+from pipeline.media.eye_files import name_of_pair
 from service.config import MIB
 from service.http import uploads
 from service.http.auth import Client
@@ -283,7 +284,13 @@ def _under_a_root(scene: str | None, roots: tuple[Path, ...]) -> Path:
 def _stem(asked: JobRequest, scene: Path, folder: Path) -> str:
     """Return what the job's files are called: of plain letters, as its own name or its scene."""
     of = scene.parent if scene.name == "scene.json" else scene
-    name = without_layout(asked.name or ("scene" if of == folder / "input" else of.stem))
+    if of == folder / "input":
+        pairs = {name_of_pair(path, "scene") for path in of.iterdir()}
+        found = pairs.pop() if len(pairs) == 1 else None
+        of_scene = found or "scene"
+    else:
+        of_scene = name_of_pair(of, of.parent.stem) or of.stem
+    name = without_layout(asked.name or of_scene)
     kept = "".join(c if (c.isalnum() and c.isascii()) or c in "-_" else "-" for c in name)[:60]
     return kept.strip("-") or "scene"
 

@@ -79,13 +79,18 @@ def test_submit_fetches_every_view_under_its_name(live_service, tiny_scene, tmp_
 
 def test_submit_says_in_one_line_what_went_wrong(live_service, tmp_path):
     (tmp_path / "scene.json").write_text("{}")
-    done = _run(
-        "submit", str(tmp_path), "--server", live_service.url, "-o", str(tmp_path / "o.mkv")
-    )
-    assert done.returncode == 1
+    done = _run("submit", str(tmp_path), "--server", live_service.url)
+    assert done.returncode == 2
+    assert "scene.json: format: must be" in done.stderr
     assert len(done.stderr.splitlines()) == 1
-    assert "failed" in done.stderr
-    done = _run("submit", str(tmp_path), "--server", "http://127.0.0.1:9")
+    clip = tmp_path / "clip.mp4"
+    clip.write_bytes(b"no video")
+    done = _run("submit", str(clip), "--server", live_service.url, "-o", str(tmp_path / "o.mkv"))
+    assert done.returncode == 1
+    sent, failed = done.stderr.splitlines()
+    assert sent == "sending 1 file, 0.0 MB"
+    assert "failed" in failed
+    done = _run("submit", str(clip), "--server", "http://127.0.0.1:9")
     assert done.returncode == 1
     assert "is not there" in done.stderr
 

@@ -20,7 +20,7 @@ from pipeline.media.source import open_scene
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
 from pipeline.run import run_job
 from pipeline.stereo import StereoLayout
-from service.client import scene_files
+from service.client import scene_files, scene_name
 
 SHAPE = (24, 36)
 
@@ -57,14 +57,14 @@ def is_luma_of(luma, picture) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("left", "right"),
+    ("left", "right", "name"),
     [
-        ("clip_left.mkv", "clip_right.mkv"), ("Shot 3_L.mkv", "Shot 3_R.mkv"),
-        ("RIGHT.mkv", "LEFT.mkv"), ("l-eye.mkv", "r-eye.mkv"), ("100% Left.mkv", "100% Right.mkv"),
-        ("für l.mkv", "für r.mkv"),
+        ("clip_left.mkv", "clip_right.mkv", "clip"), ("Shot 3_L.mkv", "Shot 3_R.mkv", "Shot 3"),
+        ("RIGHT.mkv", "LEFT.mkv", ""), ("l-eye.mkv", "r-eye.mkv", "eye"),
+        ("100% Left.mkv", "100% Right.mkv", "100"), ("für l.mkv", "für r.mkv", "für"),
     ],
 )  # fmt: skip
-def test_two_videos(tmp_path, left, right):
+def test_two_videos(tmp_path, left, right, name):
     if left == "RIGHT.mkv":
         left, right = right, left
     write_video(tmp_path / left, 1)
@@ -75,6 +75,8 @@ def test_two_videos(tmp_path, left, right):
         assert is_luma_of(lumas[0], texture(1))
         assert is_luma_of(lumas[1], texture(2))
         assert set(scene_files(scene)) == {left, right}
+    for scene in (tmp_path / left, tmp_path / right):
+        assert scene_name(scene) == (name or tmp_path.name)
 
 
 @pytest.mark.parametrize(

@@ -139,6 +139,8 @@ def test_multipart_upload_is_a_job(api, tiny_scene):
     [
         (["clip.mp4"], {}, "clip"),
         (["clip_3D_SBS_LR.mp4"], {}, "clip"),
+        (["clip_L.mov", "clip_R.mov"], {}, "clip"),
+        (["left.mov", "right.mov"], {}, "scene"),
         (["im2.png", "im6.png"], {}, "scene"),
         (["scene.json", "left.png"], {}, "scene"),
         (["hall/scene.json", "hall/left.png"], {}, "hall"),
