@@ -16,9 +16,8 @@ from pipeline.media.coded import coded
 from pipeline.media.ycbcr import YcbcrMatrix
 from pipeline.registration.again import AGAIN
 from pipeline.registration.inverse import inverted
-from pipeline.registration.method import METHODS
-from pipeline.registration.register import Thresholds, prepare_views, register_view
-from pipeline.superresolve import superresolve
+from pipeline.registration.register import prepare_views, register_view
+from pipeline.superresolve import superresolve, terms_of
 from pipeline.synthetic import SampleScene
 from pipeline.view_at import with_view_between
 from pipeline.worker import Worker
@@ -76,10 +75,7 @@ def _invert_a_motion(frame: MultiViewFrame) -> None:
     """Register one eye onto the other, and that one by what was found."""
     prepared = prepare_views(frame.views, metric=True)
     source, reference = prepared[frame.left], prepared[frame.right]
-    lead = register_view(
-        source, reference, METHODS["default"], noise=1.0,
-        thresholds=Thresholds(weight=6.0, depth=0.1),
-    )  # fmt: skip
+    lead = register_view(source, reference, terms_of(Settings(), 1.0))
     inverted(lead, source.fine.nearness, reference.fine.nearness)
 
 

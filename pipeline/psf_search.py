@@ -28,8 +28,8 @@ from pipeline.noise import estimate_noise_of_views
 from pipeline.psf_curve import PsfCurve
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.registration.layers import layer_labels, layer_thresholds
-from pipeline.registration.register import Thresholds, prepare_views, register_views
-from pipeline.superresolve import chosen_method, default_weight_threshold, given_psf
+from pipeline.registration.register import prepare_views, register_views
+from pipeline.superresolve import given_psf, terms_of
 from pipeline.threads import set_threads
 
 SIGMAS = tuple(0.25 * 1.1**step for step in range(18))
@@ -86,13 +86,7 @@ def search_psf(frame: MultiViewFrame, settings: Settings) -> tuple[PsfCurve, ...
     if len(ids) < 2:
         return (_unknown(target, unit, default, "one view alone cannot tell its PSF"),)
     prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
-    found = register_views(
-        prepared, [target], ids, chosen_method(settings), noise=noise,
-        thresholds=Thresholds(
-            weight=settings.weight_threshold or default_weight_threshold(noise),
-            depth=settings.depth_threshold,
-        ),
-    )[target]  # fmt: skip
+    found = register_views(prepared, [target], ids, terms_of(settings, noise))[target]
     edges = measure_edges([item.registered for item in found], settings.grid, noise)
     curves = [_curve(target, None, edges, unit, settings, default)]
     if settings.psf_per_layer:

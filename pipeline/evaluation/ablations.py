@@ -27,12 +27,12 @@ from pipeline.metrics import psnr
 from pipeline.noise import estimate_noise_of_views
 from pipeline.reconstruction.fused import FusedTuning, finished, fuse
 from pipeline.registration.method import METHODS, MotionModel, RegistrationMethod
-from pipeline.registration.register import Thresholds, prepare_views, register_views
+from pipeline.registration.register import prepare_views, register_views
 from pipeline.superresolve import (
     chosen_filters,
     default_residual_threshold,
-    default_weight_threshold,
     given_psf,
+    terms_of,
 )
 from pipeline.worker import Worker
 
@@ -187,9 +187,11 @@ def _registered(frame: MultiViewFrame, left: str, method: RegistrationMethod) ->
     noise = estimate_noise_of_views(frame.views)
     prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
     found = register_views(
-        prepared, [left], [view.view_id for view in frame.views], method, noise=noise,
-        thresholds=Thresholds(weight=default_weight_threshold(noise), depth=0.1),
-    )[left]  # fmt: skip
+        prepared,
+        [left],
+        [view.view_id for view in frame.views],
+        replace(terms_of(Settings(), noise), method=method),
+    )[left]
     return _Registered(
         views=[item.registered for item in found], lr_shape=frame.lr_shape, noise=noise
     )

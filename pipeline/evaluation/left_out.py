@@ -40,10 +40,9 @@ from pipeline.noise import estimate_noise_of_views
 from pipeline.psf_search import search_psf
 from pipeline.reconstruction.psf import GaussianPsf, sampling_taps
 from pipeline.reconstruction.system import simulate
-from pipeline.registration.method import METHODS
 from pipeline.registration.parallax import match_points
-from pipeline.registration.register import Thresholds, prepare_views, register_views
-from pipeline.superresolve import default_weight_threshold, superresolve
+from pipeline.registration.register import prepare_views, register_views
+from pipeline.superresolve import superresolve, terms_of
 from pipeline.view_at import neighbour_of
 
 GEOMETRY = np.uint8(Rejection.NO_MOTION | Rejection.OUTSIDE | Rejection.OCCLUDED | Rejection.DEPTH)
@@ -172,10 +171,8 @@ def _registered(frame: MultiViewFrame, source: str, reference: str) -> Registere
     prepared = prepare_views(
         [frame.view(source), frame.view(reference)], metric=frame.depth_is_metric
     )
-    return register_views(
-        prepared, [reference], [source], METHODS["default"], noise=noise,
-        thresholds=Thresholds(weight=default_weight_threshold(noise), depth=0.1),
-    )[reference][0].registered  # fmt: skip
+    found = register_views(prepared, [reference], [source], terms_of(Settings(), noise))
+    return found[reference][0].registered
 
 
 def _unclipped(image: GreyImage) -> Mask:

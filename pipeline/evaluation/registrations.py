@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline import drawing
+from pipeline.config import Settings
 from pipeline.degradation import Degradation
 from pipeline.evaluation.elements import Chapter, Figure
 from pipeline.evaluation.plots import png, spread_bars
@@ -24,12 +25,11 @@ from pipeline.frames import MultiViewFrame
 from pipeline.noise import estimate_noise_of_views
 from pipeline.registration.method import METHODS, Initialisation, Layout
 from pipeline.registration.register import (
-    Thresholds,
     ViewRegistration,
     prepare_views,
     register_views,
 )
-from pipeline.superresolve import default_weight_threshold
+from pipeline.superresolve import terms_of
 
 DEGRADATION = Degradation(psf_sigma=1.0, noise_sigma=1.0)
 """Some aliasing and some noise, as cameras have."""
@@ -84,10 +84,8 @@ def measure_methods(
         note(f"{subject.name}: registration {name}")
         begin = time.process_time()
         prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
-        found = register_views(
-            prepared, [left], list(subject.view_ids), method, noise=noise,
-            thresholds=Thresholds(weight=default_weight_threshold(noise), depth=0.1),
-        )[left]  # fmt: skip
+        terms = replace(terms_of(Settings(), noise), method=method)
+        found = register_views(prepared, [left], list(subject.view_ids), terms)[left]
         cpu_seconds = time.process_time() - begin
         strips = method.layout is Layout.STRIPS
         others = [item for item in found if not item.registered.is_reference]

@@ -24,9 +24,8 @@ from pipeline.frames import Mask, MultiViewFrame, Positions
 from pipeline.grid import Grid
 from pipeline.media.source import open_scene
 from pipeline.metrics import SSIM_WINDOW
-from pipeline.registration.method import METHODS
-from pipeline.registration.register import Thresholds, prepare_views, register_views
-from pipeline.superresolve import RegisteredFrame, default_weight_threshold, register_frame
+from pipeline.registration.register import prepare_views, register_views
+from pipeline.superresolve import RegisteredFrame, register_frame, terms_of
 from pipeline.synthetic import SampleScene, SampleTruth
 
 SAMPLE = "sample"
@@ -145,10 +144,9 @@ class Subject:
         prepared = prepare_views(
             [frame.view(left), frame.view(right)], metric=frame.depth_is_metric
         )
-        found = register_views(
-            prepared, [right], [left], METHODS["default"], noise=0.3,
-            thresholds=Thresholds(weight=default_weight_threshold(0.3), depth=0.1),
-        )[right][0].registered  # fmt: skip
+        found = register_views(prepared, [right], [left], terms_of(Settings(), 0.3))[right][
+            0
+        ].registered
         return _enlarged(found.position, found.verification_map, degradation.grid)
 
 

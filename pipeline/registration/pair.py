@@ -23,10 +23,10 @@ from pipeline.registration.again import (
 )
 from pipeline.registration.carried import carry_motions, carry_pixels
 from pipeline.registration.inverse import inverted
-from pipeline.registration.method import Layout, RegistrationMethod
+from pipeline.registration.method import Layout
 from pipeline.registration.parallax import identity
 from pipeline.registration.prepare import PreparedView
-from pipeline.registration.records import Thresholds, ViewRegistration
+from pipeline.registration.records import Terms, Thresholds, ViewRegistration
 from pipeline.registration.strips import register_strips
 from pipeline.registration.verdict import registered_view
 from pipeline.registration.window_fits import windows_of
@@ -46,10 +46,8 @@ class Before:
 def register_view(
     source: PreparedView,
     reference: PreparedView,
-    method: RegistrationMethod,
+    terms: Terms,
     *,
-    noise: float,
-    thresholds: Thresholds,
     through: tuple[ViewRegistration, ViewRegistration] | None = None,
     before: Before | None = None,
 ) -> ViewRegistration:
@@ -64,10 +62,11 @@ def register_view(
     """
     if source.view.view_id == reference.view.view_id:
         return _onto_itself(source)
+    method, noise = terms.method, terms.noise
     if method.layout is Layout.STRIPS:
         fitted, labels, position, offset = register_strips(source, reference, method, noise)
         return ViewRegistration(
-            registered=registered_view(source, reference, position, offset, thresholds),
+            registered=registered_view(source, reference, position, offset, terms.thresholds),
             motions=fitted, parallax=None, patch_labels=labels, offset=offset,
         )  # fmt: skip
     if before is not None:
@@ -75,24 +74,24 @@ def register_view(
             source, reference, before.registration, before.changed, noise, before.turn, method.model
         )
         if again is not None:
-            return _renewed(source, reference, again, before, method, noise, thresholds)
+            return _renewed(source, reference, again, before, terms)
     start = None if before is None else before.registration.parallax
     fit = register_windows(source, reference, method, noise, through, start)
-    return landed_view(source, reference, fit, method, noise, thresholds)
+    return landed_view(source, reference, fit, terms)
 
 
 def landed_view(
     source: PreparedView,
     reference: PreparedView,
     fit: WindowFit,
-    method: RegistrationMethod,
-    noise: float,
-    thresholds: Thresholds,
+    terms: Terms,
 ) -> ViewRegistration:
     """Return a view whose windows are fitted, each of its pixels with one of their motions."""
-    landed = land(source, reference, fit, noise, method)
+    landed = land(source, reference, fit, terms.noise, terms.method)
     return ViewRegistration(
-        registered=registered_view(source, reference, landed.position, landed.offset, thresholds),
+        registered=registered_view(
+            source, reference, landed.position, landed.offset, terms.thresholds
+        ),
         motions=fit.fitted,
         parallax=fit.parallax,
         prior=fit.prior,
@@ -126,9 +125,7 @@ def _renewed(
     reference: PreparedView,
     again: Again,
     before: Before,
-    method: RegistrationMethod,
-    noise: float,
-    thresholds: Thresholds,
+    terms: Terms,
 ) -> ViewRegistration:
     """Return a registration of the previous frame with the changed pixels' landing points."""
     old = before.registration
@@ -138,12 +135,14 @@ def _renewed(
         labels=renumbered(old.patch_labels, again.kept), position=old.registered.position,
         offset=old.offset,
     )  # fmt: skip
-    landed = land(source, reference, again.fit, noise, method, before=(kept, again.fresh))
+    landed = land(
+        source, reference, again.fit, terms.noise, terms.method, before=(kept, again.fresh)
+    )
     pixels = pixels_of(again.fresh, old.offset.shape)
     renewed = judged_again(pixels)
     return ViewRegistration(
         registered=registered_view(
-            source, reference, landed.position, landed.offset, thresholds,
+            source, reference, landed.position, landed.offset, terms.thresholds,
             before=(old.registered, pixels, renewed),
         ),
         motions=again.fit.fitted,
@@ -161,15 +160,14 @@ def carried_view(
     reference: PreparedView,
     lead: ViewRegistration,
     before: Before,
-    noise: float,
-    thresholds: Thresholds,
+    terms: Terms,
 ) -> ViewRegistration | None:
     """Return a registration of the previous frame with what another reference tells of a view.
 
     None where that one was registered from scratch, or this one must be.
     """
     old = before.registration
-    stale = stale_patches(source, reference, old, before.changed, noise, before.turn)
+    stale = stale_patches(source, reference, old, before.changed, terms.noise, before.turn)
     if (
         stale is None or lead.fresh is None or old.motions is None or old.parallax is None
         or old.prior is None or lead.prior is None
@@ -189,7 +187,7 @@ def carried_view(
     return replace(
         old,
         registered=registered_view(
-            source, reference, landed.position, landed.offset, thresholds,
+            source, reference, landed.position, landed.offset, terms.thresholds,
             before=(old.registered, pixels, renewed),
         ),
         motions=carry_motions(lead, old.parallax, offset),

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.frames import GreyImage, Mask, RegisteredView
+from pipeline.registration.method import RegistrationMethod
 from pipeline.registration.motions import FitPrior, FittedMotions
 from pipeline.registration.parallax import ParallaxMotion
 from pipeline.registration.prepare import PreparedView
@@ -22,6 +23,16 @@ class Thresholds:
     """T_w, grey levels."""
     depth: float
     """T_D, fraction of the scene's depth range."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terms:
+    """On which terms views are registered: the same for all of a frame."""
+
+    method: RegistrationMethod
+    noise: float
+    """Standard deviation, grey levels."""
+    thresholds: Thresholds
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

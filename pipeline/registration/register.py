@@ -25,12 +25,13 @@ from pipeline.registration.pair import (
     register_view,
 )
 from pipeline.registration.prepare import PreparedView, prepare
-from pipeline.registration.records import Previous, Thresholds, ViewRegistration
+from pipeline.registration.records import Previous, Terms, Thresholds, ViewRegistration
 from pipeline.registration.windows import LEAST_PARALLAX, depth_fits, pixels_per_nearness
 from pipeline.threads import map_threads
 
 __all__ = [
     "Previous",
+    "Terms",
     "Thresholds",
     "ViewRegistration",
     "prepare_views",
@@ -53,10 +54,8 @@ def register_views(
     prepared: dict[str, PreparedView],
     targets: Sequence[str],
     sources: Sequence[str],
-    method: RegistrationMethod,
+    terms: Terms,
     *,
-    noise: float,
-    thresholds: Thresholds,
     previous: Previous | None = None,
 ) -> dict[str, list[ViewRegistration]]:
     """Return, for each target, every source view registered onto it, in the order of sources.
@@ -67,43 +66,36 @@ def register_views(
         All views, by id; targets and sources are among them.
     targets, sources : sequences of view ids
         A target that is among the sources appears as its own, unmoved observation.
-    noise : float
-        Standard deviation, grey levels.
     previous : Previous, optional
         The previous frame: what has not changed since then keeps its motion.
     """
     if (
         previous is not None
-        and method.layout is Layout.WINDOWS
-        and method.refine
+        and terms.method.layout is Layout.WINDOWS
+        and terms.method.refine
         and _depth_fits(prepared, _by_views(previous, targets), targets, sources)
     ):
         again = _register_moved if previous.has_moved else _register_again
-        return again(prepared, targets, sources, method, noise, thresholds, previous)
-    return _register_from_scratch(prepared, targets, sources, method, noise, thresholds)
+        return again(prepared, targets, sources, terms, previous)
+    return _register_from_scratch(prepared, targets, sources, terms)
 
 
 def _register_from_scratch(
     prepared: dict[str, PreparedView],
     targets: Sequence[str],
     sources: Sequence[str],
-    method: RegistrationMethod,
-    noise: float,
-    thresholds: Thresholds,
+    terms: Terms,
 ) -> dict[str, list[ViewRegistration]]:
     """Register the views of a frame; the coarse start of a second reference is by the first."""
     first, *others = targets
-    chained = method.layout is Layout.WINDOWS and method.refine
+    chained = terms.method.layout is Layout.WINDOWS and terms.method.refine
 
     def onto(
         target: str,
         source: str,
         through: tuple[ViewRegistration, ViewRegistration] | None = None,
     ) -> ViewRegistration:
-        return register_view(
-            prepared[source], prepared[target], method, noise=noise, thresholds=thresholds,
-            through=through,
-        )  # fmt: skip
+        return register_view(prepared[source], prepared[target], terms, through=through)
 
     wanted = list(dict.fromkeys((*sources, *others))) if chained else list(sources)
     found = map_threads(lambda source: onto(first, source), wanted)
@@ -134,10 +126,8 @@ def register_some(
     targets: Sequence[str],
     sources: Sequence[str],
     due: Sequence[str],
-    method: RegistrationMethod,
+    terms: Terms,
     *,
-    noise: float,
-    thresholds: Thresholds,
     previous: Previous,
 ) -> dict[str, list[ViewRegistration]]:
     """Return what :func:`register_views` does, with the motions of some views only found anew.
@@ -152,11 +142,9 @@ def register_some(
     due : sequence of view ids
         Sources whose motions are found anew.
     """
-    found = register_views(
-        prepared, targets, due, method, noise=noise, thresholds=thresholds, previous=previous
-    )
+    found = register_views(prepared, targets, due, terms, previous=previous)
     kept = _by_views(previous, targets)
-    changed = {name: _changes(name, prepared, previous, noise) for name in targets}
+    changed = {name: _changes(name, prepared, previous, terms.noise) for name in targets}
 
     def missed(target: str, source: str) -> ViewRegistration:
         old = kept[target, source]
@@ -179,9 +167,7 @@ def _register_again(
     prepared: dict[str, PreparedView],
     targets: Sequence[str],
     sources: Sequence[str],
-    method: RegistrationMethod,
-    noise: float,
-    thresholds: Thresholds,
+    terms: Terms,
     previous: Previous,
 ) -> dict[str, list[ViewRegistration]]:
     """Register the views of a frame onto its references, starting from the previous frame."""
@@ -189,7 +175,7 @@ def _register_again(
     old = _by_views(previous, targets)
 
     def changes(name: str) -> Counts:
-        return _changes(name, prepared, previous, noise)
+        return _changes(name, prepared, previous, terms.noise)
 
     changed = dict(zip(names, map_threads(changes, names), strict=True))
 
@@ -204,12 +190,9 @@ def _register_again(
 
     def again(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
-        return register_view(
-            prepared[source], prepared[target], method, noise=noise, thresholds=thresholds,
-            before=before(task),
-        )  # fmt: skip
+        return register_view(prepared[source], prepared[target], terms, before=before(task))
 
-    leads = {source: _lead(prepared[source], targets, method, old) for source in sources}
+    leads = {source: _lead(prepared[source], targets, terms.method, old) for source in sources}
     tasks = [(target, source) for target in targets for source in sources]
     fitted = [task for task in tasks if leads[task[1]] in (None, task[0])]
     found = dict(zip(fitted, map_threads(again, fitted), strict=True))
@@ -217,9 +200,8 @@ def _register_again(
     def carried(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
         lead = found[leads[source] or target, source]
-        return carried_view(
-            prepared[source], prepared[target], lead, before(task), noise, thresholds
-        ) or again(task)
+        known = carried_view(prepared[source], prepared[target], lead, before(task), terms)
+        return known or again(task)
 
     others = [task for task in tasks if task not in found]
     found |= dict(zip(others, map_threads(carried, others), strict=True))
@@ -230,9 +212,7 @@ def _register_moved(
     prepared: dict[str, PreparedView],
     targets: Sequence[str],
     sources: Sequence[str],
-    method: RegistrationMethod,
-    noise: float,
-    thresholds: Thresholds,
+    terms: Terms,
     previous: Previous,
 ) -> dict[str, list[ViewRegistration]]:
     """Register the views of a frame in which the rig has moved.
@@ -244,17 +224,15 @@ def _register_moved(
 
     def kept(task: tuple[str, str]) -> ViewRegistration | None:
         target, source = task
-        fit = register_moved(prepared[source], prepared[target], old[task], noise, method.model)
-        if fit is None:
-            return None
-        return landed_view(prepared[source], prepared[target], fit, method, noise, thresholds)
+        fit = register_moved(
+            prepared[source], prepared[target], old[task], terms.noise, terms.method.model
+        )
+        return None if fit is None else landed_view(prepared[source], prepared[target], fit, terms)
 
     def again(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
         found = None if target == source else kept(task)
-        return found or register_view(
-            prepared[source], prepared[target], method, noise=noise, thresholds=thresholds
-        )
+        return found or register_view(prepared[source], prepared[target], terms)
 
     tasks = [(target, source) for target in targets for source in sources]
     inverses = {
@@ -268,7 +246,7 @@ def _register_moved(
     if first is not None:
         lead = kept(first)
         if lead is None:
-            return _register_from_scratch(prepared, targets, sources, method, noise, thresholds)
+            return _register_from_scratch(prepared, targets, sources, terms)
         found[first] = lead
     rest = [task for task in fitted if task != first]
     found |= dict(zip(rest, map_threads(again, rest), strict=True))
@@ -278,7 +256,7 @@ def _register_moved(
         lead = found[source, target]
         if lead.parallax is not old[source, target].parallax:
             return again(task)
-        return inverse_view(prepared[source], prepared[target], lead, old[task], thresholds)
+        return inverse_view(prepared[source], prepared[target], lead, old[task], terms.thresholds)
 
     others = [task for task in tasks if task in inverses]
     found |= dict(zip(others, map_threads(inverse, others), strict=True))

@@ -25,6 +25,7 @@ from pipeline.superresolve.choices import (
     default_residual_threshold,
     default_weight_threshold,
     given_psf,
+    terms_of,
 )
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import reconstruct_frame
@@ -42,4 +43,5 @@ __all__ = [
     "reconstruct_frame",
     "register_frame",
     "superresolve",
+    "terms_of",
 ]

@@ -10,6 +10,7 @@ from pipeline.learned_filters import learned_filters
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.psf import BicubicPsf, GaussianPsf, Psf
 from pipeline.registration.method import METHODS, RegistrationMethod
+from pipeline.registration.records import Terms, Thresholds
 
 
 def psf_of(settings: Settings) -> Psf:
@@ -42,6 +43,18 @@ def chosen_method(settings: Settings) -> RegistrationMethod:
     if settings.subregions is not None:
         method = replace(method, num_subregions=settings.subregions)
     return method
+
+
+def terms_of(settings: Settings, noise: float) -> Terms:
+    """Return on which terms views of that noise, grey levels, are registered."""
+    return Terms(
+        method=chosen_method(settings),
+        noise=noise,
+        thresholds=Thresholds(
+            weight=settings.weight_threshold or default_weight_threshold(noise),
+            depth=settings.depth_threshold,
+        ),
+    )
 
 
 def default_weight_threshold(noise: float) -> float:

@@ -18,14 +18,14 @@ from pipeline.registration.method import RegistrationMethod
 from pipeline.registration.prepare import PreparedView
 from pipeline.registration.register import (
     Previous,
-    Thresholds,
+    Terms,
     ViewRegistration,
     prepare_views,
     register_some,
     register_views,
 )
 from pipeline.superresolve.chain import continued
-from pipeline.superresolve.choices import chosen_method, default_weight_threshold, psf_of
+from pipeline.superresolve.choices import psf_of, terms_of
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.superresolve.stages import Stages
@@ -70,7 +70,6 @@ def register_frame(
         widened, added = with_neighbours(frame, neighbours, sources)
     noise = (memory or Memory()).noise(frame, settings, sources)
     psf = psf or psf_of(settings)
-    method = chosen_method(settings)
     clock.done("preparation")
     with stoppable(stop):
         chain = continued(memory, frame, settings, targets, sources, noise)
@@ -85,10 +84,9 @@ def register_frame(
             due = _due_views(observed, effort.register_every, previous.turn)
             known = {name for name in observed if _covers(previous, targets, [name])}
             observed = tuple(name for name in observed if name in known or name in due)
+        terms = terms_of(settings, noise)
         views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
-        prepared, registrations = _registered(
-            frame, views, targets, observed, settings, method, noise, previous, due
-        )
+        prepared, registrations = _registered(frame, views, targets, observed, terms, previous, due)
         found = Previous(prepared=prepared, registrations=registrations, turn=0)
         if len(due) < len(observed):
             registrations = _with_pixels_of(found, widened, targets, observed)
@@ -113,7 +111,7 @@ def register_frame(
         has_moved=chain.has_moved,
         effort=effort,
         turn=1 if memory is None else memory.turn,
-        layers=_layers_of(found.prepared, method) if keep_intermediates else None,
+        layers=_layers_of(found.prepared, terms.method) if keep_intermediates else None,
         timings=clock.timings,
     )
 
@@ -123,19 +121,13 @@ def _registered(
     views: Sequence[View],
     targets: Sequence[str],
     sources: Sequence[str],
-    settings: Settings,
-    method: RegistrationMethod,
-    noise: float,
+    terms: Terms,
     previous: Previous | None,
     due: Sequence[str],
 ) -> tuple[dict[str, PreparedView], dict[str, list[ViewRegistration]]]:
     """Return the views prepared and registered; those that are not due keep their motions."""
     needed = [view for view in views if view.view_id in (*targets, *due)]
     prepared = prepare_views(needed, metric=frame.depth_is_metric)
-    thresholds = Thresholds(
-        weight=settings.weight_threshold or default_weight_threshold(noise),
-        depth=settings.depth_threshold,
-    )
     covered = [
         source
         for source in sources
@@ -146,9 +138,7 @@ def _registered(
     found: dict[str, dict[str, ViewRegistration]] = {target: {} for target in targets}
 
     def register(part: Sequence[str], before: Previous | None) -> None:
-        registrations = register_views(
-            prepared, targets, part, method, noise=noise, thresholds=thresholds, previous=before
-        )
+        registrations = register_views(prepared, targets, part, terms, previous=before)
         for target in targets:
             found[target] |= dict(zip(part, registrations[target], strict=True))
 
@@ -156,10 +146,7 @@ def _registered(
         register(new, None)
     if previous is not None and len(again) < len(covered):
         prepared = {**previous.prepared, **prepared}
-        registrations = register_some(
-            prepared, targets, covered, again, method, noise=noise, thresholds=thresholds,
-            previous=previous,
-        )  # fmt: skip
+        registrations = register_some(prepared, targets, covered, again, terms, previous=previous)
         for target in targets:
             found[target] |= dict(zip(covered, registrations[target], strict=True))
     elif covered:

@@ -12,6 +12,7 @@ from pipeline.registration.kernels import FITTED
 from pipeline.registration.method import METHODS, MotionModel
 from pipeline.registration.register import (
     Previous,
+    Terms,
     Thresholds,
     ViewRegistration,
     prepare_views,
@@ -39,9 +40,8 @@ def cold(frame):
 def _previous(frame, previous: Previous | None, turn: int = LATER, method=METHOD) -> Previous:
     prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
     names = [view.view_id for view in frame.views]
-    found = register_views(
-        prepared, (frame.left,), names, method, noise=1.0, thresholds=THRESHOLDS, previous=previous
-    )
+    terms = Terms(method=method, noise=1.0, thresholds=THRESHOLDS)
+    found = register_views(prepared, (frame.left,), names, terms, previous=previous)
     return Previous(prepared=prepared, registrations=found, turn=turn)
 
 

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.config import Settings
 from pipeline.frames import Rejection
 from pipeline.registration.by_depth import landed_by_depth, learn_law
-from pipeline.registration.method import METHODS
-from pipeline.registration.register import Thresholds, prepare_views, register_view
+from pipeline.registration.register import prepare_views, register_view
+from pipeline.superresolve import terms_of
 from pipeline.synthetic import SampleScene
 
 SCENE = SampleScene(width=192, height=144, num_views=3)
@@ -25,10 +26,7 @@ def prepared():
 @pytest.fixture(scope="module")
 def registration(prepared):
     source, reference = (prepared[SCENE.view_ids[place]] for place in (SOURCE, REFERENCE))
-    return register_view(
-        source, reference, METHODS["default"], noise=1.0,
-        thresholds=Thresholds(weight=6.0, depth=0.1),
-    )  # fmt: skip
+    return register_view(source, reference, terms_of(Settings(), 1.0))
 
 
 def _nearness(prepared):

@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.config import Settings
 from pipeline.registration import motions
 from pipeline.registration.again import AGAIN
 from pipeline.registration.carried import carry_motions, carry_pixels
-from pipeline.registration.method import METHODS
 from pipeline.registration.register import (
     Previous,
-    Thresholds,
     ViewRegistration,
     prepare_views,
     register_views,
 )
 from pipeline.registration.windows import Landed
+from pipeline.superresolve import terms_of
 from pipeline.synthetic import SampleScene
 
 SCENE = SampleScene(width=192, height=144, num_views=4)
@@ -33,10 +33,7 @@ LATER = max(AGAIN) + 1
 def _registered(number: int, targets: tuple[str, ...], previous: Previous | None) -> Previous:
     frame = SCENE.frame(number, noise_sigma=1.0)
     prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
-    found = register_views(
-        prepared, targets, NAMES, METHODS["default"], noise=1.0,
-        thresholds=Thresholds(weight=6.0, depth=0.1), previous=previous,
-    )  # fmt: skip
+    found = register_views(prepared, targets, NAMES, terms_of(Settings(), 1.0), previous=previous)
     return Previous(prepared=prepared, registrations=found, turn=LATER + number)
 
 

@@ -11,6 +11,7 @@ from pipeline.errors import SceneError
 from pipeline.frames import MultiViewFrame, Rejection, View
 from pipeline.registration.method import METHODS, MotionModel, RegistrationMethod
 from pipeline.registration.register import (
+    Terms,
     Thresholds,
     ViewRegistration,
     prepare_views,
@@ -62,8 +63,10 @@ def _register(
     prepared = prepare_views(frame.views, metric=frame.depth_is_metric)
     return register_views(
         prepared, targets or (frame.left, frame.right), sources or ids,
-        METHODS[method] if isinstance(method, str) else method,
-        noise=NOISE, thresholds=THRESHOLDS,
+        Terms(
+            method=METHODS[method] if isinstance(method, str) else method, noise=NOISE,
+            thresholds=THRESHOLDS,
+        ),
     )  # fmt: skip
 
 

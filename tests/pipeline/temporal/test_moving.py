@@ -11,8 +11,8 @@ import pytest
 from pipeline.config import Settings
 from pipeline.effort import Effort
 from pipeline.metrics import psnr
-from pipeline.registration.method import METHODS
-from pipeline.registration.register import Previous, Thresholds, prepare_views, register_views
+from pipeline.registration.register import Previous, prepare_views, register_views
+from pipeline.superresolve import terms_of
 from pipeline.superresolve.due import MOVED
 from pipeline.synthetic import SampleScene
 from pipeline.temporal.initial import match_blocks
@@ -177,10 +177,8 @@ def test_a_picture_in_which_hardly_a_block_matches_matches_nowhere(wide):
 
 def _registered(frame, previous=None):
     prepared = prepare_views(frame.views, metric=False)
-    found = register_views(
-        prepared, EYES, EYES, METHODS["default"], noise=NOISE,
-        thresholds=Thresholds(weight=9.0, depth=0.1), previous=previous,
-    )  # fmt: skip
+    terms = terms_of(Settings(), NOISE)
+    found = register_views(prepared, EYES, EYES, terms, previous=previous)
     return prepared, found
 
 
