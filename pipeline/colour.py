@@ -110,7 +110,7 @@ def combined(
     return np.asarray(mixed).reshape(planes[0].shape)
 
 
-def picture_from_rgb(rgb: npt.NDArray, peak: float) -> Picture:
+def picture_from_rgb(rgb: npt.NDArray, peak: float, *, with_chroma: bool = True) -> Picture:
     """Return luma and chroma of an RGB picture, unrounded.
 
     Parameters
@@ -119,6 +119,8 @@ def picture_from_rgb(rgb: npt.NDArray, peak: float) -> Picture:
         Stored samples, red first.
     peak : float
         The stored value of white: 255, 1023 or 65535, say.
+    with_chroma : bool
+        False: luma alone is wanted.
 
     Returns
     -------
@@ -127,10 +129,11 @@ def picture_from_rgb(rgb: npt.NDArray, peak: float) -> Picture:
     """
     planes = cv2.split(rgb)
     of_luma, *of_chroma = RGB_TO_YCC * (255.0 / peak)
-    return Picture(
-        luma=combined(planes, of_luma),
-        chroma=interleaved([combined(planes, row, CHROMA_CENTRE) for row in of_chroma]),
-    )
+    luma = combined(planes, of_luma)
+    if not with_chroma:
+        return Picture(luma=luma)
+    chroma = interleaved([combined(planes, row, CHROMA_CENTRE) for row in of_chroma])
+    return Picture(luma=luma, chroma=chroma)
 
 
 def to_grey(luma: GreyImage, bit_depth: int) -> npt.NDArray:

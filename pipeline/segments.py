@@ -317,6 +317,8 @@ class _Line:
         """Yield the frames of the segments, of each what its rung looks at, and note that rung."""
         window = self.work.job.settings.temporal_window
         targets = self.work.plan.targets
+        is_enlarged = self.work.job.settings.chroma == "bicubic"
+        colour = self.work.plan.computed if is_enlarged else None
         efforts = [rung.effort for rung in controller.rungs]
         before = FULL
 
@@ -331,7 +333,7 @@ class _Line:
                 only = looked_at(effort, view_ids, targets, number)
                 depth = depth_looked_at(effort, view_ids, targets)
                 is_all = only == depth == view_ids
-                yield source.read(number, only=None if is_all else only, depth=depth)
+                yield source.read(number, only=None if is_all else only, depth=depth, colour=colour)
 
         return self._read(frames, segments)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 import threading
 from bisect import bisect_left, bisect_right
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -92,9 +93,13 @@ class VideoReader:
         self.path = path
         self._lock = threading.RLock()
         self._container = self._open()
-        self._frames: Iterator[av.VideoFrame] | None = None
+        self._packets: Iterator[av.Packet] = iter(())
+        self._decoded: deque[av.VideoFrame] = deque()
         self._next = 0
-        self._pending: av.VideoFrame | None = None
+        self._place = 0
+        """Of the next packet, in the order of decoding."""
+        self._wanted = 0
+        """Frame before which those that no other refers to are not decoded."""
         self._last: tuple[int, Picture] | None = None
         self.keeps_last = False
         """Whether the last picture is kept, for readers that each take a part of it."""
@@ -138,7 +143,8 @@ class VideoReader:
         self.colorimetry = _colorimetry(first)
         self.is_interlaced = bool(first.interlaced_frame)
         """Whether the two fields of a frame were taken one after the other."""
-        self._pending, self._next = first, 0
+        self._decoded.appendleft(first)
+        self._next = 0
 
     def _list_packets(self) -> None:
         stream = self._stream
@@ -180,6 +186,8 @@ class VideoReader:
             self._check_duration(times, end)
         self._timed = timed and len(set(times)) == len(times)
         self._times = sorted(times) if self._timed else times
+        self._places = np.argsort(times)
+        """Of each frame's packet, in the order of decoding."""
         self._keys = sorted(keys)
         self.num_frames = len(times)
         self.has_uneven_times = self._timed and _are_uneven(self._times)
@@ -209,51 +217,67 @@ class VideoReader:
             if at < 0 or back >= _SEEK_TRIES:
                 break
             self._container.seek(self._keys[at], stream=stream, backward=True)
-            self._frames = self._container.decode(stream)
+            self._begin(index)
             try:
-                frame = next(self._frames)
-            except (StopIteration, av.error.FFmpegError):
+                while not self._decoded and self._decode_packet():
+                    pass
+            except av.error.FFmpegError:
                 break
-            position = self._position(frame)
+            if not self._decoded:
+                break
+            position = self._position(self._decoded[0])
             if position is not None and position <= index:
-                self._pending, self._next = frame, position
+                self._next = position
                 return
             back += 1
         self._restart()
 
     def _restart(self) -> None:
         """Make the decoder stand at frame 0, with nothing of its past."""
-        self._pending = None
         self._container.close()
         self._container = self._open()
         self._stream = self._container.streams.video[0]
         self._stream.thread_type = "AUTO"
-        self._frames = self._container.decode(self._stream)
+        self._begin(0)
         self._next = 0
 
-    def _position(self, frame: av.VideoFrame) -> int | None:
-        """Return the number of a decoded frame by its time; None: it has no place."""
-        if frame.pts is None:
+    def _begin(self, wanted: int) -> None:
+        """Take packets from where the container stands, for the sake of frame ``wanted``."""
+        self._packets = self._container.demux(self._stream)
+        self._decoded.clear()
+        self._wanted = wanted
+        self._place = 0
+
+    def _position(self, coded: av.VideoFrame | av.Packet) -> int | None:
+        """Return the number of a frame by its time; None: it has no place."""
+        if coded.pts is None:
             return None
-        at = bisect_left(self._times, frame.pts)
-        return at if at < len(self._times) and self._times[at] == frame.pts else None
+        at = bisect_left(self._times, coded.pts)
+        return at if at < len(self._times) and self._times[at] == coded.pts else None
+
+    def _decode_packet(self) -> bool:
+        """Decode the next packet; return False where there is none.
+
+        A frame before the wanted one is decoded only if the codec says that others refer to it.
+        """
+        packet = next(self._packets, None)
+        if packet is None:
+            return False
+        position = self._position(packet) if self._timed else None
+        is_passed = position is not None and position < self._wanted
+        self._stream.codec_context.skip_frame = "NONREF" if is_passed else "DEFAULT"
+        self._decoded += packet.decode()
+        if position is not None:
+            self._place = int(self._places[position]) + 1
+        return True
 
     def _decode_next(self, index: int) -> av.VideoFrame:
         """Return frame ``index``, decoding on from where the decoder stands."""
-        assert self._frames is not None
+        self._wanted = index
         while True:
-            frame, self._pending = self._pending, None
-            if frame is None:
-                try:
-                    frame = next(self._frames)
-                except StopIteration:
-                    raise SceneError(
-                        "the video ends early; is it cut short?", path=self.path, frame=index
-                    ) from None
-                except av.error.FFmpegError as error:
-                    raise SceneError(
-                        f"cannot be decoded: {_said(error)}", path=self.path, frame=index
-                    ) from error
+            while not self._decoded:
+                self._decode_on(index)
+            frame = self._decoded.popleft()
             position = self._position(frame) if self._timed else self._next
             if position is None:
                 continue
@@ -264,12 +288,23 @@ class VideoReader:
                 raise SceneError("cannot be decoded", path=self.path, frame=index)
             return frame
 
+    def _decode_on(self, index: int) -> None:
+        """Decode a packet on the way to frame ``index``; raise SceneError where that fails."""
+        try:
+            is_there = self._decode_packet()
+        except av.error.FFmpegError as error:
+            raise SceneError(
+                f"cannot be decoded: {_said(error)}", path=self.path, frame=index
+            ) from error
+        if not is_there:
+            raise SceneError("the video ends early; is it cut short?", path=self.path, frame=index)
+
     def _frame(self, index: int) -> av.VideoFrame:
         if not 0 <= index < self.num_frames:
             raise SceneError(
                 f"no such frame; the file holds {self.num_frames}", path=self.path, frame=index
             )
-        if self._first_needed(index) != self._next:
+        if not self._way_to(index)[1]:
             self._seek(index)
         frame = self._decode_next(index)
         if (frame.width, frame.height) != (self.width, self.height):
@@ -281,18 +316,19 @@ class VideoReader:
             raise SceneError(f"changes to {kind} dynamic range", path=self.path, frame=index)
         return frame
 
-    def _first_needed(self, index: int) -> int:
+    def _way_to(self, index: int) -> tuple[int, bool]:
         """Return the first frame that has to be decoded before ``index`` can be, or itself.
 
         That is the next one, unless a key frame lies ahead that spares decoding up to it, or
-        ``index`` lies behind.
+        ``index`` lies behind. With whether it is the next one.
         """
         at = bisect_right(self._keys, self._times[index]) - 1 if self._timed else -1
         key = bisect_left(self._times, self._keys[at]) if at >= 0 else 0
-        return self._next if key <= self._next <= index else key
+        is_next = key <= self._next <= index and self._wanted <= index
+        return (self._next if is_next else key), is_next
 
-    def picture(self, index: int) -> Picture:
-        """Return frame ``index`` (0-based, presentation order) as luma and chroma.
+    def picture(self, index: int, *, with_chroma: bool = True) -> Picture:
+        """Return frame ``index`` (0-based, presentation order) as luma and, if wanted, chroma.
 
         The matrix and range the file is tagged with are honoured; without a tag they are
         taken as for raw video (BT.709 from 720 lines up, limited; grey is full).
@@ -301,7 +337,7 @@ class VideoReader:
             if self._last is not None and self._last[0] == index:
                 return self._last[1]
             self._last = None
-            picture = _picture(self._frame(index))
+            picture = _picture(self._frame(index), with_chroma or self.keeps_last)
             if self.keeps_last:
                 self._last = (index, picture)
             return picture
@@ -317,17 +353,29 @@ class VideoReader:
     def approach(self, index: int) -> bool:
         """Decode a few of the frames that frame ``index`` needs, and convert nothing.
 
+        What no other frame refers to is left out.
+
         Returns
         -------
         bool
             Whether all of them are decoded, so that frame ``index`` itself is next.
         """
         with self._lock:
-            first = self._first_needed(index)
-            last = min(index, first + APPROACH) - 1
-            if last >= first:
-                self._frame(last)
-            return last == index - 1
+            first, is_next = self._way_to(index)
+            soon = min(index, first + APPROACH)
+            if not self._timed:
+                if soon > first:
+                    self._frame(soon - 1)
+                return soon == index
+            if not is_next:
+                self._seek(first)
+            self._wanted = index
+            while self._place < self._places[soon]:
+                self._decode_on(index)
+            while self._decoded and (self._position(self._decoded[0]) or 0) < index:
+                self._decoded.popleft()
+            self._next = soon
+            return soon == index
 
     def stored(self, index: int) -> npt.NDArray:
         """Return frame ``index`` of an RGB or grey video as it is stored, nothing computed.
@@ -348,7 +396,8 @@ class VideoReader:
     def close(self) -> None:
         """Close the file; may be called twice."""
         with self._lock:
-            self._frames = None
+            self._packets = iter(())
+            self._decoded.clear()
             self._last = None
             self._container.close()
 
@@ -479,15 +528,17 @@ def range_of(frame: av.VideoFrame, layout: PlanarFormat, untold: Range) -> Range
     return Range.LIMITED if tagged == 1 else untold
 
 
-def _picture(frame: av.VideoFrame) -> Picture:
+def _picture(frame: av.VideoFrame, with_chroma: bool) -> Picture:
     flat, layout = planar(frame)
     if layout is None:
         deep = max(component.bits for component in frame.format.components) > 8
         rgb = frame.to_ndarray(format="rgb48le" if deep else "rgb24")
-        return picture_from_rgb(rgb, 65535.0 if deep else 255.0)
+        return picture_from_rgb(rgb, 65535.0 if deep else 255.0, with_chroma=with_chroma)
     value_range = range_of(frame, layout, Range.LIMITED)
     matrix = matrix_of(frame)
-    return picture_from_planes(planes_of(flat, layout), layout, matrix, value_range)
+    return picture_from_planes(
+        planes_of(flat, layout), layout, matrix, value_range, with_chroma=with_chroma
+    )
 
 
 def _samples(frame: av.VideoFrame, path: Path) -> npt.NDArray:

@@ -65,8 +65,8 @@ class PictureReader(Protocol):
     repeats_line: bool
     """Whether the last row or column is one that is there once more."""
 
-    def picture(self, frame_index: int) -> Picture:
-        """Return the picture of that source frame number as luma and chroma."""
+    def picture(self, frame_index: int, *, with_chroma: bool = True) -> Picture:
+        """Return the picture of that source frame number as luma and, if wanted, chroma."""
 
     def samples(self, frame_index: int) -> npt.NDArray:
         """Return the stored values of that source frame number, (H, W)."""
@@ -171,14 +171,15 @@ class ImageFilesReader:
             count += 1
         return count
 
-    def picture(self, frame_index: int) -> Picture:
+    def picture(self, frame_index: int, *, with_chroma: bool = True) -> Picture:
         """Return the picture of that frame."""
         path = self._path(frame_index)
         image = read_image(path)
         if image.samples.dtype == np.float32:
             raise SceneError("a colour image of floating-point samples", path=path)
-        convert = picture_from_grey if image.samples.ndim == 2 else picture_from_rgb
-        return convert(image.samples, image.peak)
+        if image.samples.ndim == 2:
+            return picture_from_grey(image.samples, image.peak)
+        return picture_from_rgb(image.samples, image.peak, with_chroma=with_chroma)
 
     def samples(self, frame_index: int) -> npt.NDArray:
         """Return the stored values of that frame."""
@@ -255,9 +256,9 @@ class VideoFileReader(_StreamReader):
             colorimetry=video.colorimetry,
         )
 
-    def picture(self, frame_index: int) -> Picture:
+    def picture(self, frame_index: int, *, with_chroma: bool = True) -> Picture:
         """Return the picture of that frame."""
-        return self._video.picture(frame_index - self._first)
+        return self._video.picture(frame_index - self._first, with_chroma=with_chroma)
 
     def samples(self, frame_index: int) -> npt.NDArray:
         """Return the stored values of that frame."""
@@ -295,9 +296,9 @@ class PackedEyeReader(VideoFileReader):
         column = width if eye.second and eye.layout.is_horizontal else 0
         self._window = (slice(row, row + height), slice(column, column + width))
 
-    def picture(self, frame_index: int) -> Picture:
+    def picture(self, frame_index: int, *, with_chroma: bool = True) -> Picture:
         """Return the half of that frame, as new arrays."""
-        whole = super().picture(frame_index)
+        whole = super().picture(frame_index, with_chroma=with_chroma)
         return Picture(
             luma=self._half(whole.luma),
             chroma=None if whole.chroma is None else self._half(whole.chroma),
@@ -339,9 +340,9 @@ class RawVideoReader(_StreamReader):
             ),
         )
 
-    def picture(self, frame_index: int) -> Picture:
+    def picture(self, frame_index: int, *, with_chroma: bool = True) -> Picture:
         """Return the picture of that frame."""
-        return self._file.picture(frame_index - self._first)
+        return self._file.picture(frame_index - self._first, with_chroma=with_chroma)
 
     def samples(self, frame_index: int) -> npt.NDArray:
         """Return the stored values of that frame."""

@@ -263,6 +263,7 @@ class SceneSource:
         *,
         only: Collection[str] | None = None,
         depth: Collection[str] = (),
+        colour: Collection[str] | None = None,
     ) -> MultiViewFrame:
         """Return all views at one instant; see :class:`pipeline.media.source.FrameSource`."""
         info = self.info
@@ -275,9 +276,9 @@ class SceneSource:
             )
         with self._lock:
             if only is None:
-                views = [self._read_view(view, frame_index) for view in self._views]
+                views = [self._read_view(view, frame_index, colour) for view in self._views]
             else:
-                views = self._read_some(frame_index, only, depth)
+                views = self._read_some(frame_index, only, depth, colour)
         if only is None:
             views = estimate_missing_depth(views, depth_is_metric=info.depth_is_metric)
         return MultiViewFrame(
@@ -318,22 +319,29 @@ class SceneSource:
         return frozenset(known for known in map(_identity, files) if known is not None)
 
     def _read_some(
-        self, frame_index: int, only: Collection[str], depth: Collection[str]
+        self,
+        frame_index: int,
+        only: Collection[str],
+        depth: Collection[str],
+        colour: Collection[str] | None,
     ) -> list[View]:
         """Return these views, some of them with depth."""
         return [
             self._read_view(
                 view if view.description.view_id in depth else replace(view, depth=None),
                 frame_index,
+                colour,
             )
             for view in self._views
             if view.description.view_id in only
         ]
 
-    def _read_view(self, view: _OpenView, frame_index: int) -> View:
+    def _read_view(self, view: _OpenView, frame_index: int, colour: Collection[str] | None) -> View:
         view_id = view.description.view_id
+        # what colour there should not be is found by reading it
+        with_chroma = colour is None or view_id in colour or not self.info.is_color
         try:
-            picture = view.color.picture(frame_index)
+            picture = view.color.picture(frame_index, with_chroma=with_chroma)
             if picture.luma.shape != self.info.lr_shape:
                 height, width = self.info.lr_shape
                 raise SceneError(
@@ -341,14 +349,15 @@ class SceneSource:
                     f"{width}×{height}",
                     path=_path_text(view.description.color, frame_index),
                 )
-            picture = self._with_colour(picture, view, frame_index)
+            if with_chroma:
+                picture = self._with_colour(picture, view, frame_index)
             depth_map = self._read_depth(view, frame_index)
         except SceneError as error:
             raise SceneError(str(error), view=view_id, frame=frame_index) from error
         return View(
             view_id=view_id,
             luma=picture.luma,
-            chroma=picture.chroma,
+            chroma=picture.chroma if with_chroma else None,
             depth_map=depth_map,
             calibration=view.description.calibration,
         )

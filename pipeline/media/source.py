@@ -31,6 +31,7 @@ class FrameSource(Protocol):
         *,
         only: Collection[str] | None = None,
         depth: Collection[str] = (),
+        colour: Collection[str] | None = None,
     ) -> MultiViewFrame:
         """Return all views at one instant.
 
@@ -42,6 +43,8 @@ class FrameSource(Protocol):
             Views whose pictures are wanted, and no others; default: all, with depth.
         depth : collection of view ids
             Those of them whose depth is wanted, too.
+        colour : collection of view ids, optional
+            Those whose chroma is wanted; default: all.
 
         Raises
         ------
@@ -164,6 +167,7 @@ class MemorySource:
         *,
         only: Collection[str] | None = None,
         depth: Collection[str] = (),
+        colour: Collection[str] | None = None,
     ) -> MultiViewFrame:
         """Return all views at one instant; see :class:`FrameSource`."""
         indices = self.info.frame_indices
@@ -174,6 +178,14 @@ class MemorySource:
                 frame=frame_index,
             )
         frame = self._frames[frame_index - indices.start]
+        if colour is not None:
+            frame = replace(
+                frame,
+                views=tuple(
+                    view if view.view_id in colour else replace(view, chroma=None)
+                    for view in frame.views
+                ),
+            )
         if only is None:
             return frame
         views = (view for view in frame.views if view.view_id in only)

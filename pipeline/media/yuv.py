@@ -97,7 +97,12 @@ def levels(bits: int, value_range: Range) -> tuple[float, float, float, float]:
 
 
 def picture_from_planes(
-    planes: tuple[npt.NDArray, ...], layout: PlanarFormat, matrix: YcbcrMatrix, value_range: Range
+    planes: tuple[npt.NDArray, ...],
+    layout: PlanarFormat,
+    matrix: YcbcrMatrix,
+    value_range: Range,
+    *,
+    with_chroma: bool = True,
 ) -> Picture:
     """Return luma and chroma of a planar YUV picture.
 
@@ -112,6 +117,8 @@ def picture_from_planes(
         Which RGB they are made of; without effect on grey.
     value_range : Range
         Which values are black and white.
+    with_chroma : bool
+        False: luma alone is wanted. It takes chroma all the same where the matrix is not BT.601.
 
     Returns
     -------
@@ -124,18 +131,23 @@ def picture_from_planes(
         if (black, span) != (0.0, 255.0):
             luma = (luma - np.float32(black)) * np.float32(255.0 / span)
         return Picture(luma=np.clip(luma, 0, 255, out=luma))
-    chroma = [_upsampled(plane, layout, luma.shape) for plane in planes[1:]]
+    is_mixed = matrix is not YcbcrMatrix.BT601
+    needed = planes[1:] if with_chroma or is_mixed else ()
+    chroma = [_upsampled(plane, layout, luma.shape) for plane in needed]
     scale = np.diag([255.0 / span, 255.0 / chroma_span, 255.0 / chroma_span])
     offset = -scale @ np.array([black, centre, centre])
     change = np.eye(3)
-    if matrix is not YcbcrMatrix.BT601:
+    if is_mixed:
         change = RGB_TO_YCC @ np.linalg.inv(ycbcr_of_rgb(matrix)) @ np.diag([219.0, 224.0, 224.0])
     offsets = change @ offset + [0, CHROMA_CENTRE, CHROMA_CENTRE]
+    rows = list(zip((change @ scale)[:, : 1 + len(chroma)], offsets, strict=True))
     luma, *chroma = (
         combined((luma, *chroma), row, constant)
-        for row, constant in zip(change @ scale, offsets, strict=True)
+        for row, constant in rows[: 3 if with_chroma else 1]
     )
-    return Picture(luma=np.clip(luma, 0, 255, out=luma), chroma=interleaved(chroma))
+    return Picture(
+        luma=np.clip(luma, 0, 255, out=luma), chroma=interleaved(chroma) if chroma else None
+    )
 
 
 def _upsampled(
@@ -212,11 +224,12 @@ class RawVideoFile:
             at += rows * columns
         return tuple(planes)
 
-    def picture(self, index: int) -> Picture:
-        """Return frame ``index`` (0-based) as luma and chroma."""
+    def picture(self, index: int, *, with_chroma: bool = True) -> Picture:
+        """Return frame ``index`` (0-based) as luma and, if it is wanted, chroma."""
         return picture_from_planes(
-            self.planes(index), self.layout, self.matrix, self.range or Range.LIMITED
-        )
+            self.planes(index), self.layout, self.matrix, self.range or Range.LIMITED,
+            with_chroma=with_chroma,
+        )  # fmt: skip
 
     def samples(self, index: int) -> npt.NDArray:
         """Return the first plane of frame ``index`` (0-based) as numbers: (H, W).

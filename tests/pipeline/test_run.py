@@ -560,9 +560,9 @@ def test_where_each_eye_is_made_alone_no_other_view_is_read(tmp_path):
     now = 0.0  # time passes in the worker alone
 
     class Watched(MemorySource):
-        def read(self, frame_index, *, only=None, depth=()):
+        def read(self, frame_index, *, only=None, depth=(), colour=None):
             read.append(only)
-            return super().read(frame_index, only=only, depth=depth)
+            return super().read(frame_index, only=only, depth=depth, colour=colour)
 
     class Slow(worker(enlarge)):
         def take(self, frame, *, effort, neighbours):
@@ -619,12 +619,12 @@ def test_views_that_were_let_go_are_waited_for_before_quality_goes_up(tmp_path, 
     class Videos(MemorySource):
         """Its other views are there at once, or at a key frame every ten frames, or never."""
 
-        def read(self, frame_index, *, only=None, depth=()):
+        def read(self, frame_index, *, only=None, depth=(), colour=None):
             if only is not None and set(only) == {"cam0", "cam1"}:
                 let_go.add(frame_index)
             else:
                 assert frame_index - 1 not in let_go or (comes and frame_index % 10 == 0)
-            return super().read(frame_index, only=only, depth=depth)
+            return super().read(frame_index, only=only, depth=depth, colour=colour)
 
         def approach(self, frame_index, *, depth=None):
             return frame_index - 1 not in let_go or (comes and frame_index % 10 == 0)

@@ -123,6 +123,17 @@ def test_the_tagged_matrix_is_honoured(tmp_path, matrix, pixel_format):
     assert np.abs(back.astype(int) - rgb_frame(0)).max() <= 3
 
 
+@pytest.mark.parametrize("name", ["h264.mp4", "h264.mkv", "rgb.mkv"])
+def test_luma_without_chroma_is_the_same(tmp_path, name):
+    rgb = {"codec": "ffv1", "pixel_format": "bgr0", "tagged": False, "frames": 1}
+    reader = VideoReader(write_video(tmp_path / name, **KINDS.get(name, rgb)))
+    whole, grey = reader.picture(0), reader.picture(0, with_chroma=False)
+    assert whole.chroma is not None
+    assert grey.chroma is None
+    np.testing.assert_array_equal(grey.luma, whole.luma)
+    reader.close()
+
+
 def test_an_untagged_small_video_is_taken_for_bt_601(tmp_path):
     path = write_video(
         tmp_path / "a.mkv", codec="ffv1", pixel_format="yuv444p", matrix=6, tagged=False, frames=1
@@ -349,3 +360,50 @@ def test_a_video_is_approached_by_a_few_frames_at_a_time_or_from_its_next_key_fr
     assert [every.approach(index) for index in (20, 3, 9)] == [True] * 3
     for reader in (one, keys, every):
         reader.close()
+
+
+def test_what_is_passed_and_nothing_refers_to_is_not_decoded(tmp_path):
+    options = {"crf": "6", "g": "1000", "bf": "1", "b_strategy": "0"}
+    path = write_video(tmp_path / "a.mkv", options=options)
+    sound = VideoReader(path)
+    expected = [sound.picture(index).luma for index in range(NUM_FRAMES)]
+    sound.close()
+    with av.open(str(path)) as container:
+        packets = [packet for packet in container.demux(video=0) if packet.size]
+        times = sorted(packet.pts for packet in packets)
+        damaged = packets[8]
+        assert damaged.pts < packets[7].pts, "shown before what was decoded before it"
+        place, count = times.index(damaged.pts), damaged.size
+    content = bytearray(path.read_bytes())
+    middle = content.index(bytes(damaged)) + count // 2
+    content[middle : middle + count // 4] = bytes(count // 4)
+    path.write_bytes(content)
+    reader = VideoReader(path)
+    reader.picture(0)
+    before = av.logging.get_level()
+    av.logging.set_level(av.logging.ERROR)
+    try:
+        with av.logging.Capture(local=False) as complaints:
+            for index in range(1, place + 2):
+                assert reader.approach(index)
+            np.testing.assert_array_equal(reader.picture(place + 1).luma, expected[place + 1])
+            assert not complaints
+            with pytest.raises(SceneError, match="cannot be decoded"):
+                reader.picture(place)
+            assert complaints
+    finally:
+        av.logging.set_level(before)
+    reader.close()
+
+
+def test_a_frame_that_was_passed_may_be_asked_for(tmp_path):
+    path = write_video(tmp_path / "a.mkv", options={"crf": "6", "g": "1000", "bf": "3"})
+    reader, other = VideoReader(path), VideoReader(path)
+    expected = [other.picture(index).luma for index in range(12)]
+    reader.picture(0)
+    for index in (4, 8, 10):
+        reader.approach(index)
+        for passed in (index - 2, index - 1):
+            np.testing.assert_array_equal(reader.picture(passed).luma, expected[passed])
+    for video in (reader, other):
+        video.close()

@@ -408,3 +408,8 @@ def test_some_views_only_are_read_without_depth(source):
             for name in names:
                 np.testing.assert_array_equal(frame.view(name).luma, whole.view(name).luma)
                 assert (frame.view(name).depth_map is None) == (only is not None)
+        frame, whole = source.read(5, colour=("v1",)), source.read(5)
+        assert [view.chroma is not None for view in whole.views] == [True, True]
+        assert [view.chroma is not None for view in frame.views] == [False, True]
+        for view, expected in zip(frame.views, whole.views, strict=True):
+            np.testing.assert_array_equal(view.luma, expected.luma)
