@@ -217,22 +217,6 @@ def _said(vote: Vote) -> str:
     )
 
 
-def read_csv(path: Path) -> VoteTable:
-    """Read a tidy CSV file.
-
-    Comma, semicolon or tab separate the cells; a byte-order mark, lines of ``#`` before the
-    header and empty lines are passed over. ``display``, ``repetition`` and ``dimension`` may be
-    left out. With semicolons, a decimal comma is understood. Lines such as
-    ``# conditions: ["bicubic", "sr"]`` before the header say the order of tables and plots.
-
-    Raises
-    ------
-    VotesError
-        Naming file, line and column.
-    """
-    return parse_csv(read_text(path), name=str(path))
-
-
 def read_text(path: Path) -> str:
     """Return the text of a UTF-8 file, its byte-order mark left out.
 
@@ -251,7 +235,18 @@ def read_text(path: Path) -> str:
 
 
 def parse_csv(text: str, *, name: str = "votes") -> VoteTable:
-    """Return the votes of the text of a tidy CSV file, as :func:`read_csv` does."""
+    """Return the votes of the text of a tidy CSV file.
+
+    Comma, semicolon or tab separate the cells; lines of ``#`` before the header and empty lines
+    are passed over. ``display``, ``repetition`` and ``dimension`` may be left out. With
+    semicolons, a decimal comma is understood. Lines such as ``# conditions: ["bicubic", "sr"]``
+    before the header say the order of tables and plots.
+
+    Raises
+    ------
+    VotesError
+        Naming file, line and column.
+    """
     lines = list(io.StringIO(text, newline=""))  # \n, \r\n and \r end a line, nothing else
     skipped = 0
     while skipped < len(lines) and (not lines[skipped].strip() or lines[skipped][0] == "#"):

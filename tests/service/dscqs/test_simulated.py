@@ -10,7 +10,7 @@ import pytest
 
 from dscqs.errors import PlanError
 from dscqs.simulated import AssessorModel, SimulatedAssessor, spread_quality
-from dscqs.votes import read_csv
+from dscqs.votes import parse_csv, read_text
 from pipeline.media.png import write_png
 from service.cli import main
 
@@ -43,7 +43,7 @@ def test_from_results_to_scores(served, tmp_path, capsys):
     words += ["--speed", "60", "--lapse", "0", "--noise-sd", "5", "-o", str(votes)]
     assert main(words) == 0
     assert "32 sessions, 288 votes" in capsys.readouterr().out
-    table = read_csv(votes)
+    table = parse_csv(read_text(votes))
     assert sum(vote.kind == "test" for vote in table.votes) == 2 * 16 * 8
     assert main(["dscqs", "analyse", str(votes), "--json", str(scores)]) == 0
     found = json.loads(scores.read_text())["stimuli"]
