@@ -96,7 +96,7 @@ class FilterBank:
         height, width = image.shape
         out = np.empty((height, width), np.float32)
         # contiguous and writable, for one compilation
-        image = np.require(image, np.float32, "CW")
+        image = np.require(image, np.float32, ["C", "W"])
 
         def work(band: tuple[int, int]) -> None:
             lo, hi = band
