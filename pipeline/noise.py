@@ -14,9 +14,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from pipeline.frames import GreyImage, View
 from pipeline.threads import map_threads
@@ -39,6 +39,14 @@ FEWEST_CHOSEN = 16
 MOST_BLOCKS = 16_000
 """Blocks looked at, at most: bounds the time, whatever the size of the image."""
 
+OPTIONS = {
+    "nogil": True,
+    "cache": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "reassoc", "nsz"},
+}
+"""Of the compiled loops; NaN marks pixels without a value."""
+
 CLIPPED = 0.05
 """Nearness to 0 or 255 that counts as clipped, grey levels: scaled 10-bit files are not exact."""
 
@@ -46,27 +54,21 @@ MAD_OF_UNIT_NORMAL = 0.6745
 """Median absolute value of a standard normal variable."""
 
 
-def _components() -> tuple[npt.NDArray[np.float32], int]:
-    """Return the orthonormal cosine (DCT-II) components that are needed, and how many choose.
-
-    Returns
-    -------
-    components : (BLOCK², M) float32
-        One a column; those that choose first, then those that measure.
-    num_choosing : int
-    """
+def _cosines() -> npt.NDArray[np.float32]:
+    """Return the orthonormal cosine (DCT-II) components along one axis, one a row."""
     order = np.arange(BLOCK)
     basis = np.cos(np.pi * order[:, None] * (2 * order + 1) / (2 * BLOCK)) * np.sqrt(2 / BLOCK)
     basis[0] /= np.sqrt(2)
-    both = np.kron(basis, basis)
-    orders = (order[:, None] + order).ravel()
-    choosing = both[(orders >= 1) & (orders <= CHOOSING_ORDER)]
-    measuring = both[orders >= MEASURING_ORDER]
-    components = np.concatenate([choosing, measuring]).T.astype(np.float32)
-    return np.ascontiguousarray(components), len(choosing)
+    return basis.astype(np.float32)
 
 
-_COMPONENTS, _NUM_CHOOSING = _components()
+_COSINES = _cosines()
+
+_ORDERS = np.add.outer(np.arange(BLOCK), np.arange(BLOCK))
+
+_CHOOSES = ((_ORDERS >= 1) & (_ORDERS <= CHOOSING_ORDER)).astype(np.float32)
+
+_MEASURES = (_ORDERS >= MEASURING_ORDER).astype(np.float32)
 
 
 def estimate_noise(image: GreyImage) -> float:
@@ -112,17 +114,15 @@ def estimate_noise(image: GreyImage) -> float:
     """
     if min(image.shape) < BLOCK:
         return _from_second_differences(image)
-    blocks = _usable_blocks(image)
-    if len(blocks) == 0:
+    coarse, fine = _energies(image)
+    count = len(coarse)
+    if count == 0:
         return 0.0
-    # not NumPy's product: its last bits follow the number of cores
-    energies = np.square(cv2.gemm(np.ascontiguousarray(blocks), _COMPONENTS, 1.0, None, 0.0))
-    coarse = energies[:, :_NUM_CHOOSING].sum(axis=1)
-    num_chosen = min(len(blocks), max(FEWEST_CHOSEN, round(CHOSEN_SHARE * len(blocks))))
+    num_chosen = min(count, max(FEWEST_CHOSEN, round(CHOSEN_SHARE * count)))
     chosen = np.argpartition(coarse, num_chosen - 1)[:num_chosen]
-    fine = energies[chosen, _NUM_CHOOSING:]
-    median_over_mean = (1 - 2 / (9 * fine.shape[1])) ** 3  # of χ², Wilson & Hilferty 1931
-    return float(np.sqrt(np.median(fine.mean(axis=1)) / median_over_mean))
+    measured = int(_MEASURES.sum())
+    median_over_mean = (1 - 2 / (9 * measured)) ** 3  # of χ², Wilson & Hilferty 1931
+    return float(np.sqrt(np.median(fine[chosen]) / (measured * median_over_mean)))
 
 
 def estimate_noise_of_views(views: Iterable[View]) -> float:
@@ -142,26 +142,107 @@ def estimate_noise_of_views(views: Iterable[View]) -> float:
     return float(np.median(estimates))
 
 
-def _usable_blocks(image: GreyImage) -> npt.NDArray[np.float32]:
-    """Return (N, BLOCK²) blocks, less their upper left pixel, that are finite and not clipped."""
-    windows = np.lib.stride_tricks.sliding_window_view(image, (BLOCK, BLOCK))
+def _energies(
+    image: GreyImage,
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return what the components that choose, and those that measure, have of each usable block.
+
+    Those are finite and not clipped.
+    """
+    rows, columns = (side - BLOCK + 1 for side in image.shape)
     # Odd, so as not to fall in step with the 8 × 8 blocks of compression.
     stride = 1
-    while -(-windows.shape[0] // stride) * -(-windows.shape[1] // stride) > MOST_BLOCKS:
+    while -(-rows // stride) * -(-columns // stride) > MOST_BLOCKS:
         stride += 2
-    blocks = windows[::stride, ::stride].reshape(-1, BLOCK * BLOCK)
-    blocks = blocks[np.isfinite(blocks).all(axis=1)]
-    if len(blocks) == 0:
-        return blocks
-    low, high = blocks.min(axis=1), blocks.max(axis=1)
+    found = np.empty((4, -(-rows // stride), -(-columns // stride)), np.float32)
+    # writable, for one compilation
+    _look_at_blocks(
+        np.require(image, np.float32, ["C", "W"]), stride, _COSINES, _CHOOSES, _MEASURES, found
+    )
+    found = found.reshape(4, -1)
+    found = found[:, np.isfinite(found[0])]
+    if found.shape[1] == 0:
+        return found[0], found[1]
+    coarse, fine, low, high = found
     usable = (low > CLIPPED) & (high < 255 - CLIPPED)
     if usable.any():
         darkest, brightest = low[usable].min(), high[usable].max()
         usable &= ~((low == high) & ((low == darkest) | (high == brightest)))
-    if usable.sum() >= min(FEWEST_CHOSEN, len(blocks)):
-        blocks = blocks[usable]
-    # Differences of nearby levels lose nothing in float32.
-    return blocks - blocks[:, :1]
+    if usable.sum() >= min(FEWEST_CHOSEN, len(usable)):
+        return coarse[usable], fine[usable]
+    return coarse, fine
+
+
+@njit(**OPTIONS)
+def _look_at_blocks(image, stride, cosines, chooses, measures, found):
+    """Write of each block the energies that choose and that measure, its least and largest level.
+
+    Parameters
+    ----------
+    image : (H, W) float32
+    stride : int
+        From block to block, pixels.
+    cosines : (BLOCK, BLOCK) float32
+        Components along one axis, one a row.
+    chooses, measures : (BLOCK, BLOCK) float32
+        1 for the components of either kind, by their orders along y and x; else 0.
+    found : (4, rows, columns) float32
+        Of blocks, overwritten; NaN where a pixel is not finite.
+    """
+    rows, columns = found.shape[1], found.shape[2]
+    # a row of blocks at once: what all have in one place lies together
+    pixels = np.empty((BLOCK, BLOCK, columns), np.float32)
+    halfway = np.empty((BLOCK, BLOCK, columns), np.float32)
+    part, total = np.empty(columns, np.float32), np.empty(columns, np.float32)
+    first = np.empty(columns, np.float32)
+    for row in range(rows):
+        coarse, fine, low, high = found[0, row], found[1, row], found[2, row], found[3, row]
+        for n in range(columns):
+            first[n] = image[row * stride, n * stride]
+            low[n] = high[n] = first[n]
+            total[n] = coarse[n] = fine[n] = np.float32(0.0)
+        for i in range(BLOCK):
+            for j in range(BLOCK):
+                line, out = image[row * stride + i, j:], pixels[j, i]
+                for n in range(columns):
+                    part[n] = line[n * stride]
+                for n in range(columns):
+                    low[n], high[n] = min(low[n], part[n]), max(high[n], part[n])
+                    total[n] += part[n]
+                    # differences of nearby levels lose nothing in float32
+                    out[n] = part[n] - first[n]
+        for order in range(BLOCK):
+            for j in range(BLOCK):
+                _component(pixels[j], cosines[order], halfway[order, j])
+        for down in range(BLOCK):
+            for across in range(BLOCK):
+                _component(halfway[down], cosines[across], part)
+                _add_squares(part, chooses[down, across], coarse)
+                _add_squares(part, measures[down, across], fine)
+        for n in range(columns):
+            if total[n] - total[n] != 0:
+                coarse[n] = np.float32(np.nan)
+
+
+@njit(**OPTIONS)
+def _component(lines, taps, out):
+    """Write the weighted sum of BLOCK lines."""
+    a, b, c, d = taps[0], taps[1], taps[2], taps[3]
+    e, f, g, h = taps[4], taps[5], taps[6], taps[7]
+    l0, l1, l2, l3, l4, l5, l6, l7 = (
+        lines[0], lines[1], lines[2], lines[3], lines[4], lines[5], lines[6], lines[7]
+    )  # fmt: skip
+    for n in range(out.size):
+        out[n] = (a * l0[n] + b * l1[n] + (c * l2[n] + d * l3[n])) + (
+            e * l4[n] + f * l5[n] + (g * l6[n] + h * l7[n])
+        )
+
+
+@njit(**OPTIONS)
+def _add_squares(line, share, out):
+    if share > 0:
+        for n in range(out.size):
+            out[n] += line[n] * line[n]
 
 
 def _from_second_differences(image: GreyImage) -> float:
