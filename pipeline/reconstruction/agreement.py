@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.rows import OPTIONS, blur_ring, blur_row
+from pipeline.reconstruction.rows import LEAN, OPTIONS, blur_ring, blur_row
 
 
 @njit(**OPTIONS)
@@ -38,13 +38,23 @@ def weigh(
         Changed in place.
     weights : (H, W) float32
     """
+    width, lines, lines_box = predicted.shape[1], 2 * low_pass.size - 1, 2 * box.size - 1
+    _weigh(
+        predicted, observed, threshold, mark, impossible, largest, low_pass, box, expected,
+        tolerated, severity, flags, weights,
+        np.empty((lines, width), np.float32), np.empty((lines_box, width), np.float32),
+        np.empty(width + max(lines, lines_box), np.float32), np.empty(width, np.float32),
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _weigh(
+    predicted, observed, threshold, mark, impossible, largest, low_pass, box, expected, tolerated,
+    severity, flags, weights, passed, squares, room, line,
+):  # fmt: skip
     height, width = predicted.shape
     reach, reach_box = low_pass.size - 1, box.size - 1
-    lines, lines_box = 2 * reach + 1, 2 * reach_box + 1
-    passed = np.empty((lines, width), np.float32)
-    squares = np.empty((lines_box, width), np.float32)
-    room = np.empty(width + 2 * max(reach, reach_box), np.float32)
-    line = np.empty(width, np.float32)
+    lines, lines_box = passed.shape[0], squares.shape[0]
     t, c, floor = np.float32(tolerated), np.float32(severity), np.float32(expected)
     next_passed = next_square = np.int64(0)  # typed: a literal has what it goes to compiled twice
     for y in range(height):
@@ -65,7 +75,7 @@ def weigh(
         _weight(line, predicted[y], flags[y], impossible, floor, t, c, weights[y])
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _bounded(predicted, observed, largest, threshold, mark, flags, out):
     for x in range(out.size):
         error = predicted[x] - observed[x]
@@ -76,13 +86,13 @@ def _bounded(predicted, observed, largest, threshold, mark, flags, out):
         out[x] = min(max(error, -largest), largest)
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _square(line):
     for x in range(line.size):
         line[x] *= line[x]
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _weight(local, predicted, flags, impossible, expected, tolerated, severity, out):
     nothing = np.float32(0.0)
     for x in range(out.size):
@@ -92,7 +102,7 @@ def _weight(local, predicted, flags, impossible, expected, tolerated, severity, 
         out[x] = weight * weight if known else nothing
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def left_over(predicted, observed, flags, weights):
     """Return what a view's pixels are predicted wrong by.
 

@@ -3,6 +3,7 @@
 A sweep lets rows stream through blur, stencil, blur and prior while they are in the
 processor's cache: each array is read or written once. A band computes the rows that it needs
 of its neighbours anew, so that bands may run side by side, and no sum depends on how many do.
+What makes the rings for it, and what works in them, are functions of their own.
 """
 
 from __future__ import annotations
@@ -10,7 +11,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.rows import OPTIONS, blur_ring, blur_row, copy_row, dot_row, sum_row
+from pipeline.reconstruction.rows import (
+    LEAN,
+    OPTIONS,
+    blur_ring,
+    blur_row,
+    copy_row,
+    dot_row,
+    sum_row,
+)
 from pipeline.reconstruction.simd import (
     LANES,
     bend_of_eight,
@@ -32,7 +41,7 @@ FLOOR = 0.005
 together where nobody looks."""
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _stencil(couplings, units, v, ring, above2, above, own, below, below2, width, out):
     plane, pitch, length = (
         couplings.shape[1] * couplings.shape[2],
@@ -49,7 +58,7 @@ def _stencil(couplings, units, v, ring, above2, above, own, below, below2, width
         )  # fmt: skip
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _regular_along_x(across, row, width, out):
     """Write a row times the symmetric five-band matrix of samples at regular columns."""
     a0, a1, a2 = across[0], across[1], across[2]
@@ -62,7 +71,7 @@ def _regular_along_x(across, row, width, out):
         out[x] += a0[x] * m2[x] + b2[x] * p2[x]
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _regular_along_y(down, ring, v, width, out):
     """Write a row times the five-band matrix of samples at regular rows."""
     lines = ring.shape[0]
@@ -112,16 +121,25 @@ def turn_and_apply(
     float
         Of these rows, pᵀ (Bᵀ M B + λ P) p.
     """
-    height, width = sharpened.shape
-    reach = taps_y.size - 1
+    width, reach = sharpened.shape[1], taps_y.size - 1
     lines = 2 * reach + 1
-    blurred = np.empty((lines, width), np.float32)
-    back = np.empty((lines, width), np.float32)
-    # the last of these lines stays zero: what lies outside the image
-    spline = np.zeros((6, PAD + width + TAIL), np.float32)
-    around = np.zeros((3, 1 + width + TAIL), np.float32)
-    room = np.empty(width + 2 * (taps_x.size - 1), np.float32)
-    line = np.zeros(width + TAIL, np.float32)
+    return _turn_and_apply(
+        sharpened, factor, before, taps_x, taps_y, regular, across, down, couplings, units, rhs,
+        prior, strength, lo, hi, direction, out,
+        np.empty((lines, width), np.float32), np.empty((lines, width), np.float32),
+        # the last of these lines stays zero: what lies outside the image
+        np.zeros((6, PAD + width + TAIL), np.float32), np.zeros((3, 1 + width + TAIL), np.float32),
+        np.empty(width + 2 * (taps_x.size - 1), np.float32), np.zeros(width + TAIL, np.float32),
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _turn_and_apply(
+    sharpened, factor, before, taps_x, taps_y, regular, across, down, couplings, units, rhs,
+    prior, strength, lo, hi, direction, out, blurred, back, spline, around, room, line,
+):  # fmt: skip
+    height, width = sharpened.shape
+    reach, lines = taps_y.size - 1, blurred.shape[0]
     length, plane, pitch = around.shape[1], prior.shape[1] * prior.shape[2], prior.shape[2]
     end_back = min(height, hi + reach)
     next_back = max(0, lo - reach)
@@ -182,7 +200,7 @@ def turn_and_apply(
     return total
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _combine(first, factor, second, out):
     if factor == 0:
         for x in range(first.size):
@@ -192,7 +210,7 @@ def _combine(first, factor, second, out):
             out[x] = first[x] + factor * second[x]
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _subtract(row, line):
     """Write row − line into the line."""
     for x in range(row.size):
@@ -231,18 +249,27 @@ def look_and_sharpen(
     energy, along : float
         Of these rows, the scalar products of r with its sharpened self and with p.
     """
+    width, lines = estimate.shape[1], 2 * taps_y.size - 1
+    return _look_and_sharpen(
+        step, estimate, direction, residual, applied, prior, strength, share, least, taps_x,
+        taps_y, lo, hi, estimate_after, residual_after, sharpened,
+        np.zeros((lines, width + TAIL), np.float32), np.zeros((lines, width + TAIL), np.float32),
+        np.empty((lines, width), np.float32), np.empty((lines, width), np.float32),
+        np.empty((lines, width), np.float32),
+        # the last line stays zero: what lies outside the image
+        np.zeros((4, 1 + width + TAIL), np.float32),
+        np.empty(width + 2 * (taps_x.size - 1), np.float32), np.empty(width, np.float32),
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _look_and_sharpen(
+    step, estimate, direction, residual, applied, prior, strength, share, least, taps_x, taps_y,
+    lo, hi, estimate_after, residual_after, sharpened, gradient, softness, blurred, fine,
+    smoothed, around, room, line,
+):  # fmt: skip
     height, width = estimate.shape
-    reach = taps_y.size - 1
-    lines = 2 * reach + 1
-    gradient = np.zeros((lines, width + TAIL), np.float32)
-    softness = np.zeros((lines, width + TAIL), np.float32)
-    blurred = np.empty((lines, width), np.float32)
-    fine = np.empty((lines, width), np.float32)
-    smoothed = np.empty((lines, width), np.float32)
-    # the last line stays zero: what lies outside the image
-    around = np.zeros((4, 1 + width + TAIL), np.float32)
-    room = np.empty(width + 2 * (taps_x.size - 1), np.float32)
-    line = np.empty(width, np.float32)
+    reach, lines = taps_y.size - 1, gradient.shape[0]
     length, size = around.shape[1], gradient.shape[1]
     plane, pitch = prior.shape[1] * prior.shape[2], prior.shape[2]
     s, lam = np.float32(step), np.float32(strength)
@@ -293,13 +320,13 @@ def look_and_sharpen(
     return energy, along
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _soften(row, blurred, softness, out):
     for x in range(out.size):
         out[x] = softness[x] * (row[x] - blurred[x])
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _sharp(row, fine, smoothed, out):
     total = np.float32(0.0)
     for x in range(row.size):
@@ -312,17 +339,24 @@ def _sharp(row, fine, smoothed, out):
 @njit(**OPTIONS)
 def add_prior(image, prior, strength, lo, hi, out):
     """Add λ P times the image to rows of ``out``, in place; see :func:`look_and_sharpen`."""
+    width = image.shape[1]
+    _add_prior(
+        image, prior, strength, lo, hi, out,
+        np.zeros((4, 1 + width + TAIL), np.float32), np.zeros((2, width + TAIL), np.float32),
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _add_prior(image, prior, strength, lo, hi, out, around, line):
     height, width = image.shape
-    around = np.zeros((4, 1 + width + TAIL), np.float32)
-    line = np.zeros((2, width + TAIL), np.float32)
     length, plane, pitch = around.shape[1], prior.shape[1] * prior.shape[2], prior.shape[2]
     nothing = np.float32(0.0)
     for y in range(lo, hi):
         for near in range(max(0, y - 1) if y == lo else y + 1, min(height, y + 2)):
-            around[near % 3, 1 : 1 + width] = image[near]
+            copy_row(image[near], around[near % 3, 1:])
         above = (y - 1) % 3 if y > 0 else 3
         below = (y + 1) % 3 if y + 1 < height else 3
-        line[0, :width] = out[y]
+        copy_row(out[y], line[0])
         for x in range(0, width, LANES):
             at = 1 + x
             pull_of_eight(
@@ -330,7 +364,7 @@ def add_prior(image, prior, strength, lo, hi, out):
                 y % 3 * length + at, below * length + at, np.float32(-strength), nothing,
                 np.float32(1.0), line[0], line[1], x,
             )  # fmt: skip
-        out[y] = line[0, :width]
+        copy_row(line[0, :width], out[y])
 
 
 @njit(**OPTIONS)
@@ -359,11 +393,19 @@ def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
     The derivative, by d², of Σ m (f ⟨d²⟩ + (1 − f) scale² log(1 + ⟨d²⟩ / scale²)), which is
     concave in d²: a step down the quadratic of these weights is one down this sum.
     """
+    width = estimate.shape[1]
+    _weigh_prior(
+        step, estimate, direction, scale, local, lo, hi, prior,
+        np.zeros((2, width), np.float32), np.zeros((3, 4, width + 4), np.float32),
+        np.zeros((3, 4, width + 2), np.float32), np.empty(width + 4, np.float32),
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _weigh_prior(
+    step, estimate, direction, scale, local, lo, hi, prior, around, squares, shares, line
+):
     height, width = estimate.shape
-    around = np.zeros((2, width), np.float32)
-    squares = np.zeros((3, 4, width + 4), np.float32)
-    shares = np.zeros((3, 4, width + 2), np.float32)
-    line = np.empty(width + 4, np.float32)
     s = np.float32(step)
     square, floor = np.float32((1 - FLOOR) * TOP * scale**2), np.float32(FLOOR * TOP / 16)
     least = np.float32(16.0 * scale**2)
@@ -403,7 +445,7 @@ def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
         prior[3, y + 1, width] = 0
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _squares(own, below, has_below, out):
     """Write the squared differences of a row to its neighbours, padded by two."""
     width = own.size
@@ -416,21 +458,21 @@ def _squares(own, below, has_below, out):
     _square(own[: width - 1], below[1:], out[3, 2:])
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _square(first, second, out):
     for x in range(first.size):
         away = second[x] - first[x]
         out[x] = away * away
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _add_three(above, own, below, out):
     two = np.float32(2.0)
     for x in range(out.size):
         out[x] = above[x] + two * own[x] + below[x]
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _share(line, square, least, floor, strengths, out):
     two = np.float32(2.0)
     middle, after = line[1:], line[2:]
@@ -439,7 +481,7 @@ def _share(line, square, least, floor, strengths, out):
         out[x] = strengths[x] * share
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _round_three(line, out):
     two, half = np.float32(2.0), np.float32(0.5)
     middle, after = line[1:], line[2:]
@@ -447,7 +489,7 @@ def _round_three(line, out):
         out[x] = np.uint16(np.int32(line[x] + two * middle[x] + after[x] + half))
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def advance(step, direction, level, lo, hi, estimate):
     """Add step · direction and the level to rows of the estimate, in place."""
     s, more = np.float32(step), np.float32(level)
@@ -460,11 +502,17 @@ def advance(step, direction, level, lo, hi, estimate):
 @njit(**OPTIONS)
 def blur_band(image, taps_x, taps_y, lo, hi, out):
     """Write the blurred image into rows ``lo`` to ``hi`` of (KH, KW) float32."""
+    width, lines = image.shape[1], 2 * taps_y.size - 1
+    _blur_band(
+        image, taps_x, taps_y, lo, hi, out, np.empty((lines, width), np.float32),
+        np.empty(width + 2 * (taps_x.size - 1), np.float32),
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _blur_band(image, taps_x, taps_y, lo, hi, out, blurred, room):
     height, width = image.shape
-    reach = taps_y.size - 1
-    lines = 2 * reach + 1
-    blurred = np.empty((lines, width), np.float32)
-    room = np.empty(width + 2 * (taps_x.size - 1), np.float32)
+    reach, lines = taps_y.size - 1, blurred.shape[0]
     end_blurred, next_blurred = min(height, hi + reach), max(0, lo - reach)
     for y in range(lo, hi):
         while next_blurred < min(end_blurred, y + reach + 1):
