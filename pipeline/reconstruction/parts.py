@@ -54,10 +54,18 @@ def covering_boxes(wanted: Mask) -> list[Box]:
 @njit(nogil=True, cache=True, error_model="numpy")
 def _find_tiles(wanted, side, tiles):
     """Mark the tiles in which a pixel is wanted."""
-    for row in range(wanted.shape[0]):
-        for column in range(wanted.shape[1]):
-            if wanted[row, column]:
-                tiles[row // side, column // side] = True
+    height, width = wanted.shape
+    columns = np.empty(width, np.bool_)
+    for tile in range(tiles.shape[0]):
+        columns[:] = False
+        for row in range(tile * side, min((tile + 1) * side, height)):
+            line = wanted[row]
+            # without a branch, many at once
+            for column in range(width):
+                columns[column] |= line[column]
+        for column in range(width):
+            if columns[column]:
+                tiles[tile, column // side] = True
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -66,56 +74,80 @@ def _set_box(box, top, bottom, left, right):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _copy_box(source, target):
-    _set_box(target, source[0], source[1], source[2], source[3])
+def _extents(tiles, box, axis, extents):
+    """Write where each row (axis 0) or column of a box has its first wanted tile and its last.
 
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _shrink(tiles, box):
-    """Take rows and columns without a wanted tile off the sides of a box, in place; False: all."""
-    top, bottom, left, right = box[1], box[0], box[3], box[2]
+    They are half-open, and counted in the whole image.
+    """
+    nothing = np.int64(0)
+    for line in range(box[2 * axis], box[2 * axis + 1]):
+        extents[line, 0], extents[line, 1] = max(tiles.shape[0], tiles.shape[1]), nothing
     for row in range(box[0], box[1]):
         for column in range(box[2], box[3]):
             if tiles[row, column]:
-                top, bottom = min(top, row), row + 1
-                left, right = min(left, column), max(right, column + 1)
-    _set_box(box, top, bottom, left, right)
-    return bottom > top
+                line, at = (column, row) if axis else (row, column)
+                extents[line, 0] = min(extents[line, 0], at)
+                extents[line, 1] = max(extents[line, 1], at + 1)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _grow(extents, line, axis, box):
+    """Let a box hold a row or column of wanted tiles, too, in place."""
+    if extents[line, 1] > 0:
+        across = 2 * (1 - axis)
+        box[2 * axis] = min(box[2 * axis], line)
+        box[2 * axis + 1] = max(box[2 * axis + 1], line + 1)
+        box[across] = min(box[across], extents[line, 0])
+        box[across + 1] = max(box[across + 1], extents[line, 1])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _cover(tiles, tile, margin, extra, found):
     """Write boxes of tiles (rows, columns, each half-open), and return how many there are."""
-    _set_box(found[0], np.int64(0), tiles.shape[0], np.int64(0), tiles.shape[1])
-    if not _shrink(tiles, found[0]):
+    rows, columns = tiles.shape
+    far, nothing = max(rows, columns), np.int64(0)
+    extents = np.empty((2, far, 2), np.int64)
+    # of the lines before each one, and of it and those behind it
+    halves = np.empty((2, far + 1, 4), np.int64)
+    whole = np.empty(4, np.int64)
+    _set_box(whole, nothing, rows, nothing, columns)
+    _extents(tiles, whole, 0, extents[0])
+    first = found[0]
+    _set_box(first, far, nothing, far, nothing)
+    for row in range(rows):
+        _grow(extents[0], row, 0, first)
+    if first[1] == 0:
         return 0
     count, done = 1, 0
-    halves = np.empty((2, 4), np.int64)
-    best = np.empty((2, 4), np.int64)
     while done < count:
-        whole = found[done]
+        whole[:] = found[done]
         least = ((whole[1] - whole[0]) * tile + margin) * ((whole[3] - whole[2]) * tile + margin)
         least += extra
         cut = False
         for axis in range(2):
-            for at in range(whole[2 * axis] + 1, whole[2 * axis + 1]):
+            start, end = whole[2 * axis], whole[2 * axis + 1]
+            _extents(tiles, whole, axis, extents[axis])
+            before, behind = halves[0], halves[1]
+            _set_box(before[start], far, nothing, far, nothing)
+            _set_box(behind[end], far, nothing, far, nothing)
+            for line in range(start, end):
+                before[line + 1] = before[line]
+                _grow(extents[axis], line, axis, before[line + 1])
+            for line in range(end - 1, start - 1, -1):
+                behind[line] = behind[line + 1]
+                _grow(extents[axis], line, axis, behind[line])
+            for at in range(start + 1, end):
                 cost = 0
                 for side in range(2):
-                    half = halves[side]
-                    _copy_box(whole, half)
-                    half[2 * axis + 1 - side] = at
-                    _shrink(tiles, half)
+                    half = halves[side, at]
                     cost += ((half[1] - half[0]) * tile + margin) * (
                         (half[3] - half[2]) * tile + margin
                     ) + extra
                 if cost < least:
                     least = cost
-                    _copy_box(halves[0], best[0])
-                    _copy_box(halves[1], best[1])
+                    found[done], found[count] = before[at], behind[at]
                     cut = True
         if cut:
-            _copy_box(best[0], found[done])
-            _copy_box(best[1], found[count])
             count += 1
         else:
             done += 1
@@ -170,13 +202,22 @@ def put_pixels(image: GreyImage, part: GreyImage, wanted: Mask, box: Box, grid: 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _put_pixels(part, wanted, down, across, top, left, image):
-    for row in range(part.shape[0]):
-        is_wanted, source = wanted[row // down], part[row]
-        target = image[top + row]
-        for column in range(wanted.shape[1]):
-            if is_wanted[column]:
-                for fine in range(column * across, (column + 1) * across):
-                    target[left + fine] = source[fine]
+    columns = wanted.shape[1]
+    for row in range(wanted.shape[0]):
+        end = 0
+        while end < columns:
+            start = end
+            while start < columns and not wanted[row, start]:
+                start += 1
+            end = start
+            while end < columns and wanted[row, end]:
+                end += 1
+            # a run of them at once
+            for fine in range(row * down, (row + 1) * down):
+                source = part[fine, start * across : end * across]
+                target = image[top + fine, left + start * across :]
+                for column in range(source.size):
+                    target[column] = source[column]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -258,15 +299,18 @@ def _cut_out(
 ):  # fmt: skip
     """Write a part of a view, and where on the HR grid of a box it lands."""
     for row in range(observed.shape[0]):
-        points, grey = positions[top + row, left:], pixels[top + row, left:]
-        for column in range(observed.shape[1]):
-            x[row, column] = (points[column, 0] - before) * magnification_x + offset_x
-            y[row, column] = (points[column, 1] - above) * magnification_y + offset_y
-            observed[row, column] = grey[column]
+        # flat, so that several are worked on at once
+        points, grey = positions[top + row].reshape(-1)[2 * left :], pixels[top + row, left:]
+        along, down, line = x[row], y[row], observed[row]
+        for column in range(line.size):
+            along[column] = (points[2 * column] - before) * magnification_x + offset_x
+            down[column] = (points[2 * column + 1] - above) * magnification_y + offset_y
+        for column in range(line.size):
+            line[column] = grey[column]
         if offsets.size > 0:
             less = offsets[top + row, left:]
-            for column in range(observed.shape[1]):
-                observed[row, column] -= less[column]
+            for column in range(line.size):
+                line[column] -= less[column]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
