@@ -87,36 +87,46 @@ class Piece:
         put_pixels(image, part[on_hr_grid(self.inner, self.grid)], self.wanted, self.box, self.grid)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Again:
+    """A reference view of which parts are solved again."""
+
+    due: Sequence[Due]
+    """Disjoint parts."""
+    registered: Sequence[RegisteredView]
+    start: HrImage
+    """(K·H, K·W) float32: initial estimate."""
+    offsets: Sequence[GreyImage] | None = None
+    """(H, W) float32 each: what is taken off the pixels observed of each view registered, grey
+    levels."""
+
+
 def pieces_of(
-    due: Sequence[Due],
-    registered: Sequence[RegisteredView],
+    references: Sequence[Again],
     grid: Grid,
     psf: Psf,
-    start: HrImage,
     *,
     residual_threshold: float,
     most_steps: int | None = None,
     is_shown: bool = False,
     learned: LearnedFilters | None = None,
-    offsets: Sequence[GreyImage] | None = None,
     stop: Callable[[], bool] | None = None,
-) -> list[Piece]:
-    """Return the boxes of what is due, solved side by side; others are those of :func:`fuse_again`.
+) -> list[list[Piece]]:
+    """Return the boxes of what is due of each; parameters are those of :func:`fuse_again`.
 
-    Small ones are not divided further: a band computes rows of its neighbours, too.
+    All are solved side by side, the largest first. Small ones are not divided further: a band
+    computes rows of its neighbours, too.
 
     Parameters
     ----------
     is_shown : bool
         Whether they are to be finished, by the ``learned`` filters if there are any.
-    offsets : sequence of (H, W) float32, optional
-        What is taken off the pixels observed of each view registered, grey levels.
     """
-    items = [(part, box, widened(box, part.wanted.shape)) for part in due for box in part.boxes]
-    taken = [NOTHING] * len(registered) if offsets is None else offsets
 
-    def solve(item: tuple[tuple[Due, Box, Box], Sequence[Box]]) -> Piece:
-        (part, box, wide), places = item
+    def solve(item: tuple[Again, Due, Box, Sequence[Box]]) -> Piece:
+        again, part, box, places = item
+        registered, wide = again.registered, widened(box, part.wanted.shape)
+        taken = [NOTHING] * len(registered) if again.offsets is None else again.offsets
         cut = cut_views(
             [
                 (view, offset, place)
@@ -129,7 +139,7 @@ def pieces_of(
         solved = fuse(
             cut.views, grid, (height, width), psf, noise=part.noise,
             residual_threshold=residual_threshold, tuning=part.tuning,
-            start=np.ascontiguousarray(start[on_hr_grid(wide, grid)]),
+            start=np.ascontiguousarray(again.start[on_hr_grid(wide, grid)]),
             most_steps=most_steps, judged=False, points=cut.points,
             most_bands=max(1, min(NUM_BANDS, height * width // BAND_PIXELS)), stop=stop,
         )  # fmt: skip
@@ -139,8 +149,25 @@ def pieces_of(
             shown=np.clip(finished(solved, learned), 0.0, 255.0) if is_shown else NOTHING,
         )  # fmt: skip
 
-    places = landing_in(registered, [wide for _, _, wide in items])
-    return map_threads(solve, zip(items, places, strict=True))
+    def boxes_of(again: Again) -> list[tuple[Again, Due, Box, Sequence[Box]]]:
+        boxes = [(part, box) for part in again.due for box in part.boxes]
+        wide = [widened(box, part.wanted.shape) for part, box in boxes]
+        places = landing_in(again.registered, wide)
+        return [(again, *one, there) for one, there in zip(boxes, places, strict=True)]
+
+    found = map_threads(boxes_of, references)
+    items = [item for items in found for item in items]
+    # what takes longest comes first, so that no thread is left with it at the end
+    order = sorted(range(len(items)), key=lambda number: -_work(*items[number][1:3]))
+    solved = dict(zip(order, map_threads(solve, [items[k] for k in order]), strict=True))
+    numbers = iter(range(len(items)))
+    return [[solved[next(numbers)] for _ in ones] for ones in found]
+
+
+def _work(part: Due, box: Box) -> int:
+    """Return about how long a box takes."""
+    height, width = (side.stop - side.start for side in widened(box, part.wanted.shape))
+    return height * width * part.tuning.together
 
 
 def fuse_again(
@@ -173,10 +200,11 @@ def fuse_again(
     flags = tuple(array.copy() for array in before.flags)
     names = [view.view_id for view in registered]
     work, stop_reason = 0, before.stop_reason
-    for piece in pieces_of(
-        due, registered, grid, psf, start,
+    (pieces,) = pieces_of(
+        [Again(due=due, registered=registered, start=start)], grid, psf,
         residual_threshold=residual_threshold, most_steps=most_steps, stop=stop,
-    ):  # fmt: skip
+    )  # fmt: skip
+    for piece in pieces:
         work += piece.solved.iterations * piece.solved.estimate.size
         stop_reason = piece.solved.stop_reason
         piece.put_into(estimate, piece.solved.estimate)

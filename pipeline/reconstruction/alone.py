@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.frames import GreyImage, Mask, RegisteredView
+from pipeline.frames import Mask
 from pipeline.grid import Grid
-from pipeline.reconstruction.again import Due, pieces_of
+from pipeline.reconstruction.again import Again, pieces_of
 from pipeline.reconstruction.fused import estimate_alone, parts_alone
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.parts import covering_boxes, put_pixels
 from pipeline.reconstruction.psf import Psf
 from pipeline.reconstruction.system import HrImage
 from pipeline.temporal.still import Still
+from pipeline.threads import map_threads
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,37 +73,35 @@ def restored(
 
 
 def refreshed(
-    made: Restored,
-    due: Sequence[Due],
-    registered: Sequence[RegisteredView],
+    made: Sequence[Restored],
+    again: Sequence[Again],
     grid: Grid,
     psf: Psf,
     learned: LearnedFilters | None,
     *,
     residual_threshold: float,
-    offsets: Sequence[GreyImage] | None = None,
     most_steps: int | None = None,
     stop: Callable[[], bool] | None = None,
-) -> Restored:
-    """Return a view restored of which parts are made of all views; it is changed in place.
+) -> list[Restored]:
+    """Return views restored of which parts are made of all views; they are changed in place.
 
     Parameters
     ----------
-    due : sequence of Due
-        Disjoint parts.
-    registered : sequence of RegisteredView
-        All views, itself among them.
-    offsets : sequence of (H, W) float32, optional
-        What is taken off the pixels observed of each, grey levels.
+    again : sequence of Again
+        Of each view: of what it starts, and of what views, itself among them.
     """
-    again = np.zeros(made.frames.shape, np.bool_)
-    for piece in pieces_of(
-        due, registered, grid, psf, made.estimate, is_shown=True, learned=learned,
-        offsets=offsets, residual_threshold=residual_threshold, most_steps=most_steps, stop=stop,
-    ):  # fmt: skip
-        piece.put_into(made.estimate, piece.solved.estimate)
-        piece.put_into(made.shown, piece.shown)
-    for part in due:
-        again |= part.wanted
-    np.copyto(made.frames, np.float32(np.inf), where=again)
-    return replace(made, again=again)
+    pieces = pieces_of(
+        again, grid, psf, is_shown=True, learned=learned, residual_threshold=residual_threshold,
+        most_steps=most_steps, stop=stop,
+    )  # fmt: skip
+
+    def put(number: int) -> Restored:
+        view = made[number]
+        for piece in pieces[number]:
+            piece.put_into(view.estimate, piece.solved.estimate)
+            piece.put_into(view.shown, piece.shown)
+        solved = functools.reduce(np.logical_or, [part.wanted for part in again[number].due])
+        np.copyto(view.frames, np.float32(np.inf), where=solved)
+        return replace(view, again=solved)
+
+    return map_threads(put, range(len(made)))

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pipeline.config import Settings, Solver
 from pipeline.effort import FULL, SWIFT, Effort, looked_at, nearest_views
 from pipeline.frames import MultiViewFrame
-from pipeline.reconstruction.again import Due
+from pipeline.reconstruction.again import Again, Due
 from pipeline.reconstruction.alone import Restored, refreshed, restored
 from pipeline.reconstruction.psf import Psf
 from pipeline.registration.again import AGAIN
@@ -152,11 +152,13 @@ def _made(
         known = memory.known_views() if is_refreshed else {}
 
         def restore(target: str) -> Restored:
-            still = memory.still[target]
-            made = restored(still, memory.restored(target), settings.grid, psf, noise, learned)
-            if not (effort.refresh_every and known):
-                return made
-            refresh = in_turn(~still.touched, effort.refresh_every, frame.frame_index)
+            before, still = memory.restored(target), memory.still[target]
+            return restored(still, before, settings.grid, psf, noise, learned)
+
+        def again(target: str, made: Restored) -> Again:
+            still, every = memory.still[target], effort.refresh_every
+            assert every is not None  # else there are no known views
+            refresh = in_turn(~still.touched, every, frame.frame_index)
             due = [Due(wanted=refresh, noise=noise, tuning=STILL)]
             if not effort.alone:
                 due.append(
@@ -167,14 +169,18 @@ def _made(
                         views=near,
                     )
                 )
-            threshold = settings.residual_threshold or default_residual_threshold(noise)
             views, offsets = known[target]
-            return refreshed(
-                made, due, views, settings.grid, psf, learned, offsets=offsets,
-                residual_threshold=threshold, most_steps=effort.steps, stop=stop,
-            )  # fmt: skip
+            return Again(due=due, registered=views, offsets=offsets, start=made.estimate)
 
-        found = dict(zip(targets, map_threads(restore, targets), strict=True))
+        made = map_threads(restore, targets)
+        if known:
+            made = refreshed(
+                made, [again(*pair) for pair in zip(targets, made, strict=True)],
+                settings.grid, psf, learned,
+                residual_threshold=settings.residual_threshold or default_residual_threshold(noise),
+                most_steps=effort.steps, stop=stop,
+            )  # fmt: skip
+        found = dict(zip(targets, made, strict=True))
         memory.keep_restored(frame, found)
         clock.done("reconstruction")
         images = {
