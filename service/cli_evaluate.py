@@ -8,10 +8,15 @@ import shlex
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from service.console import EXIT_DONE, EXIT_FAILURE
 from service.terminal import add_talk, say, watching
+
+if TYPE_CHECKING:  # a command that is not called loads nothing
+    from pipeline.config import Settings
+    from pipeline.degradation import Degradation
+    from pipeline.evaluate import Set1Result
 
 
 def add_evaluate(commands: Any) -> None:
@@ -155,10 +160,8 @@ def _numbers(text: str) -> tuple[float, ...]:
 def _run_set1(arguments: argparse.Namespace) -> int:
     from pipeline.config import Settings
     from pipeline.degradation import Degradation
-    from pipeline.evaluate import METHODS, evaluate_set1, format_frames, format_table, settings_of
+    from pipeline.evaluate import format_frames, format_table, settings_of
     from pipeline.media.files import check_writable, write_atomic
-    from pipeline.media.source import open_scene
-    from pipeline.plan import check_scene_kept
     from pipeline.report import strict_json, versions
     from pipeline.threads import set_threads
     from service.options import collect
@@ -179,33 +182,7 @@ def _run_set1(arguments: argparse.Namespace) -> int:
     set_threads(settings.threads)
     if arguments.json is not None:
         check_writable(arguments.json)
-    with open_scene(arguments.scene) as source, watching(arguments) as (stop, progress):
-        check_scene_kept(source, (arguments.json,))
-        info = source.info
-        numbers = _frame_numbers(arguments, info.frame_indices)
-        with stop.breakable():
-            views = {"left": (info.left,), "right": (info.right,), "both": (info.left, info.right)}
-            results = []
-            for number in numbers:
-                around = range(
-                    number - settings.temporal_window, number + settings.temporal_window + 1
-                )
-                results.append(
-                    evaluate_set1(
-                        source.read(number),
-                        degradation,
-                        scene=arguments.scene.resolve().name,
-                        views=views.get(arguments.view, (arguments.view,)),
-                        methods=arguments.methods or METHODS,
-                        settings=settings,
-                        neighbours=tuple(
-                            source.read(other)
-                            for other in around
-                            if other != number and other in info.frame_indices
-                        ),
-                        on_method=lambda view_id, method: progress.note(f"{view_id}: {method}"),
-                    )
-                )
+    results = _measured(arguments, degradation, settings)
     if arguments.json is not None:
         content = {
             "format": "depthsr-set1/1",
@@ -223,6 +200,42 @@ def _run_set1(arguments: argparse.Namespace) -> int:
     if len(results) > 1:
         say(format_frames(results))
     return EXIT_DONE
+
+
+def _measured(
+    arguments: argparse.Namespace, degradation: Degradation, settings: Settings
+) -> list[Set1Result]:
+    """Return what Set 1 makes of each frame that is asked for."""
+    from pipeline.evaluate import METHODS, evaluate_set1
+    from pipeline.media.source import open_scene
+    from pipeline.plan import check_scene_kept
+
+    results = []
+    with open_scene(arguments.scene) as source, watching(arguments) as (stop, progress):
+        check_scene_kept(source, (arguments.json,))
+        info, window = source.info, settings.temporal_window
+        views = {"left": (info.left,), "right": (info.right,), "both": (info.left, info.right)}
+        numbers = _frame_numbers(arguments, info.frame_indices)
+        with stop.breakable():
+            for number in numbers:
+                around = range(number - window, number + window + 1)
+                results.append(
+                    evaluate_set1(
+                        source.read(number),
+                        degradation,
+                        scene=arguments.scene.resolve().name,
+                        views=views.get(arguments.view, (arguments.view,)),
+                        methods=arguments.methods or METHODS,
+                        settings=settings,
+                        neighbours=tuple(
+                            source.read(other)
+                            for other in around
+                            if other != number and other in info.frame_indices
+                        ),
+                        on_method=lambda view_id, method: progress.note(f"{view_id}: {method}"),
+                    )
+                )
+    return results
 
 
 def _frame_numbers(arguments: argparse.Namespace, available: range) -> range:
