@@ -25,6 +25,7 @@ import numpy.typing as npt
 from pipeline.colour import Picture, picture_from_rgb
 from pipeline.errors import SceneError
 from pipeline.media.colorimetry import HDR, Colorimetry, LightLevel, MasteringDisplay
+from pipeline.media.isobmff import holds_layers
 from pipeline.media.ycbcr import YcbcrMatrix, matrix_for
 from pipeline.media.yuv import (
     PlanarFormat,
@@ -141,6 +142,12 @@ class VideoReader:
         self.pixel_aspect = Fraction(aspect.numerator, aspect.denominator) if aspect else None
         self.stereo = _stereo_tag(stream, first)
         self.colorimetry = _colorimetry(first)
+        self.holds_layers = (
+            stream.codec_context.name == "hevc"
+            and "mov" in self._container.format.name.split(",")
+            and holds_layers(self.path)
+        )
+        """Whether a second view lies in layers that are not read (MV-HEVC)."""
         self.is_interlaced = bool(first.interlaced_frame)
         """Whether the two fields of a frame were taken one after the other."""
         self._decoded.appendleft(first)
@@ -447,7 +454,7 @@ def _stereo_tag(stream: av.VideoStream, first: av.VideoFrame) -> StereoTag | Non
                 return StereoTag(
                     arrangement=_STEREO_TYPES[kind],
                     right_first=bool(flags & 1),
-                    origin="frame-packing message",
+                    origin="file's stereo signal",
                 )
     return None
 

@@ -32,6 +32,7 @@ from pipeline.errors import OutputError
 from pipeline.media.colorimetry import Colorimetry, MasteringDisplay
 from pipeline.media.files import atomic_path, output_error
 from pipeline.media.info import Sound
+from pipeline.media.isobmff import HANDLER, set_packing
 from pipeline.media.matroska import ROOM, set_eye_shape, set_light
 from pipeline.media.sound import SoundCopy, holds_sound
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
@@ -266,6 +267,8 @@ def join_segments(
     if not segments:
         raise OutputError(f"{out}: there are no segments to join")
     muxer, options = _MUXERS[video_format.container]
+    layout = video_format.layout
+    is_packed_apple = layout.packed and video_format.container not in _EYE_SHAPED
     with atomic_path(out) as temporary:
         with contextlib.ExitStack() as stack:
             first = stack.enter_context(_open_segment(segments[0]))
@@ -282,12 +285,15 @@ def join_segments(
                     and video_format.container is not Container.MKV
                 ):
                     stream.codec_context.codec_tag = _APPLE_TAG
+                if is_packed_apple:
+                    stream.metadata["handler_name"] = HANDLER
                 track = None if sound is None else stack.enter_context(SoundCopy(sound, output))
             joiner = _Joiner(out, output, stream, video_format, track)
             for path in segments:
                 joiner.append(path)
             joiner.finish()
-        layout = video_format.layout
+        if is_packed_apple:
+            set_packing(temporary, side_by_side=layout.side_by_side)
         is_oblong = layout.half or video_format.pixel_aspect != 1
         if layout.packed and is_oblong and video_format.container in _EYE_SHAPED:
             eyes_across = 1 if layout.half else 2 if layout.side_by_side else Fraction(1, 2)

@@ -12,6 +12,7 @@ What is guessed is said in the description's notes. Depth conventions of the dat
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -48,6 +49,14 @@ HALF_TOP_BOTTOM_FROM = Fraction(5, 2)
 
 HALF_SIDE_BY_SIDE_BELOW = Fraction(1)
 """An eye less than this many times as wide as high was squeezed horizontally."""
+
+
+SPATIAL = (
+    "holds its eyes as two layers of HEVC (MV-HEVC: spatial video of Apple), of which only one can "
+    "be read: write each into a file of its own, with FFmpeg 7.1 or newer: ffmpeg -i FILE "
+    "-map 0:v:0:vpos:left -c:v ffv1 {} -map 0:v:0:vpos:right -c:v ffv1 {}"
+)
+"""What is said of spatial video, with names for its eyes."""
 
 
 def describe_path(path: Path, input_layout: str | None = None) -> SceneDescription:
@@ -410,14 +419,18 @@ def describe_stereo_video(path: Path, input_layout: str | None = None) -> SceneD
     Raises
     ------
     SceneError
-        If it is no video, or nothing says how the views lie.
+        If it is no video, its eyes are layers of HEVC, or nothing says how they lie.
     """
     with_video = VideoReader(path)
     try:
         tag, aspect = with_video.stereo, with_video.pixel_aspect
         width, height = with_video.width, with_video.height
+        holds_layers = with_video.holds_layers
     finally:
         with_video.close()
+    if holds_layers:
+        left, right = (shlex.quote(f"{path.stem}_{eye}.mkv") for eye in ("left", "right"))
+        raise SceneError(SPATIAL.format(left, right), path=path)
     file = path.resolve()
     notes: list[str] = []
     right_first = tag is not None and tag.right_first

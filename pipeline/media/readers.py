@@ -60,6 +60,8 @@ class PictureReader(Protocol):
     """Whether the file shows its frames for unequal times."""
     is_interlaced: bool
     """Whether the two fields of a frame were taken one after the other."""
+    holds_layers: bool
+    """Whether a second view lies in layers that are not read."""
     is_still: bool
     """True for a single image file."""
     repeats_line: bool
@@ -139,6 +141,7 @@ class ImageFilesReader:
     repeats_line = False
     has_uneven_times = False
     is_interlaced = False
+    holds_layers = False
 
     def __init__(
         self, root: Path, files: ImageFiles, first_frame: int, frame_count: int | None
@@ -248,6 +251,7 @@ class VideoFileReader(_StreamReader):
         self.fps: Fraction | None = video.fps
         self.has_uneven_times = video.has_uneven_times
         self.is_interlaced = video.is_interlaced
+        self.holds_layers = video.holds_layers
         self.form = PictureForm(
             width=video.width,
             height=video.height,
@@ -318,6 +322,7 @@ class RawVideoReader(_StreamReader):
     fps: Fraction | None = None
     has_uneven_times = False
     is_interlaced = False
+    holds_layers = False
 
     def __init__(self, path: Path, raw: RawVideo, first_frame: int) -> None:
         self._file = RawVideoFile(

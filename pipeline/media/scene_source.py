@@ -190,6 +190,12 @@ class SceneSource:
                 f"interlaced: {', '.join(interlaced)}; fields of two instants are taken for one "
                 "picture: deinterlace before (ffmpeg -vf bwdif)"
             )
+        layered = [view.description.view_id for view in self._views if view.color.holds_layers]
+        if layered:
+            notes.append(
+                f"two views in layers of HEVC (MV-HEVC): {', '.join(layered)}; the base layer's is "
+                "read"
+            )
         return SceneInfo(
             path=str(description.source or description.root),
             layout=description.layout,

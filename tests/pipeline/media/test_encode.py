@@ -9,7 +9,7 @@ import subprocess
 import sys
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import ConfigurationError, Interrupted, OutputError
+from pipeline.media.decode import VideoReader
 from pipeline.media.encode import check_size, join_segments, segment_info, write_segment
 from pipeline.media.video_format import (
     Container,
@@ -196,6 +197,33 @@ def test_mp4_has_the_stereo_box(tmp_path, codec, layout, mode):
     at = content.index(b"st3d")
 
     assert content[at + 4 : at + 9] == bytes([0, 0, 0, 0, mode])
+
+
+@pytest.mark.parametrize(
+    ("container", "codec"),
+    [
+        (Container.MP4, VideoCodec.HEVC), (Container.MOV, VideoCodec.HEVC),
+        (Container.MOV, VideoCodec.PRORES),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize(
+    ("layout", "arrangement", "kind"),
+    [(StereoLayout.SBS, "sbs", b"side"), (StereoLayout.HALF_TAB, "tab", b"over")],
+)
+def test_apple_s_boxes_say_where_the_eyes_lie(
+    tmp_path, ffprobe, container, codec, layout, arrangement, kind
+):
+    """FFmpeg (8, inside PyAV) reads them; of MOV nothing else tells it."""
+    video = video_format(container, codec, layout)
+    out, _ = write_and_join(tmp_path, "v", video, [list(moving_eyes(range(3)))])
+    content = out.read_bytes()
+    at = content.index(b"vexu")
+    assert content[at + 4 + 21 :].startswith(b"\0\0\0\x18pack\0\0\0\x10pkin\0\0\0\0" + kind)
+    with closing(VideoReader(out)) as reader:
+        assert reader.stereo is not None
+        assert (reader.stereo.arrangement, reader.stereo.right_first) == (arrangement, False)
+        assert reader.picture(2).luma.any()
+    assert ffprobe(out)["tags"]["handler_name"] == "VideoHandler"
 
 
 @pytest.mark.parametrize(

@@ -443,6 +443,70 @@ def test_what_is_no_scene_is_not_sent(tmp_path):
         scene_files(tmp_path)
 
 
+def write_spatial(path: Path, *boxes: bytes) -> Path:
+    """Write video of HEVC, with more boxes in the entry of its track; its index stands last."""
+    with av.open(str(path), "w", format="mov") as output:
+        options = {"x265-params": "log-level=none:bframes=0"}
+        stream = output.add_stream("libx265", rate=Fraction(24), options=options)
+        stream.height, stream.width, stream.pix_fmt = 48, 64, "yuv420p"
+        stream.codec_context.codec_tag = "hvc1"
+        for number in range(2):
+            grey = np.full((72, 64), 128, np.uint8)
+            frame = av.VideoFrame.from_ndarray(grey, "yuv420p")
+            frame.pts = number
+            output.mux(stream.encode(frame))
+        output.mux(stream.encode())
+    data = bytearray(path.read_bytes())
+    added = b"".join(boxes)
+    at = data.rindex(b"moov")
+    for kind in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd", b"hvc1"):
+        at = data.index(kind, at)
+        size = int.from_bytes(data[at - 4 : at], "big")
+        data[at - 4 : at] = (size + len(added)).to_bytes(4, "big")
+    data[at - 4 + size : at - 4 + size] = added
+    path.write_bytes(data)
+    return path
+
+
+def box(kind: bytes, *content: bytes) -> bytes:
+    inside = b"".join(content)
+    return (8 + len(inside)).to_bytes(4, "big") + kind + inside
+
+
+SECOND_LAYER = box(
+    b"lhvC", bytes([1, 0xF0, 0, 0xFC, 0xCF, 1]),  # as of ISO/IEC 14496-15, with one array
+    bytes([0xA7, 0, 1, 0, 6, 0x4E, 0x09, 5, 1, 0, 0x80]),  # of one message (SEI) of layer 1
+)  # fmt: skip
+BOTH_EYES = box(
+    b"vexu",
+    box(
+        b"eyes", box(b"stri", bytes([0, 0, 0, 0, 3])), box(b"hero", bytes([0, 0, 0, 0, 1])),
+        box(b"cams", box(b"blin", bytes([0, 0, 0, 0, 0, 0, 0x4B, 0x28]))),
+    ),
+)  # fmt: skip
+"""What a phone writes: both views are there, the left one first, 19.24 mm apart."""
+
+
+def test_eyes_in_layers_of_hevc_are_not_read_as_one_view(tmp_path):
+    """Boxes as spatial video has them, made by hand: no encoder that can be had writes any."""
+    film = write_spatial(tmp_path / "take 3.mov", SECOND_LAYER, BOTH_EYES)
+    for layout in (None, "sbs"):
+        with pytest.raises(SceneError) as told:
+            describe_path(film, layout)
+        assert "MV-HEVC" in str(told.value)
+        assert "vpos:left -c:v ffv1 'take 3_left.mkv'" in str(told.value)
+    film.rename(tmp_path / "clip_left.mov")
+    write_spatial(tmp_path / "clip_right.mov")
+    with open_scene(tmp_path) as source:
+        assert any("MV-HEVC): left; " in text for text in source.info.warnings)
+
+
+@pytest.mark.parametrize("boxes", [(), (SECOND_LAYER,), (BOTH_EYES,)])
+def test_one_layer_or_an_alpha_channel_is_no_spatial_video(tmp_path, boxes):
+    film = write_spatial(tmp_path / "clip_SBS.mov", *boxes)
+    assert describe_path(film).layout == "stereo-video"
+
+
 def test_what_is_not_known_says_what_is(tmp_path):
     with pytest.raises(SceneError, match="there is no such file or folder"):
         open_scene(tmp_path / "nowhere")
