@@ -416,8 +416,8 @@ def fuse(
         weights = map_threads(weigh, range(len(registered)))
         system.gather(
             [
-                # a writable copy, for one compilation
-                (*points[index], np.array(view.observed), weights[index])
+                # writable, for one compilation
+                (*points[index], np.require(view.observed, requirements="W"), weights[index])
                 for index, view in enumerate(registered)
             ]
         )

@@ -25,6 +25,9 @@ HALO = 4
 BOX_COST = 1500
 """What a box costs beside its pixels, LR pixels."""
 
+BITS = 64
+"""Boxes that are told apart at once, by the bits of a number."""
+
 Flags = npt.NDArray[np.uint8]
 
 Box = tuple[slice, slice]
@@ -234,9 +237,14 @@ class CutViews:
 
 def landing_in(registered: Sequence[RegisteredView], boxes: Sequence[Box]) -> list[list[Box]]:
     """Return, for each box, the rows and columns of each view that hold what lands in it."""
+    if len(boxes) > BITS:
+        return landing_in(registered, boxes[:BITS]) + landing_in(registered, boxes[BITS:])
     bounds = np.array(
         [(rows.start, rows.stop, columns.start, columns.stop) for rows, columns in boxes], np.int64
     ).reshape(-1, 4)
+    reference = next(view for view in registered if view.is_reference)
+    marks = np.empty(reference.flags.shape, np.uint64)
+    _mark_boxes(bounds, marks)
     places: list[list[Box]] = [[] for _ in boxes]
     for view in registered:
         if view.is_reference:
@@ -244,7 +252,7 @@ def landing_in(registered: Sequence[RegisteredView], boxes: Sequence[Box]) -> li
                 of_box.append(box)
             continue
         found = np.empty((len(boxes), 4), np.int64)
-        _landing_in(view.position, bounds, found)
+        _landing_in(view.position, marks, found)
         for of_box, (top, bottom, left, right) in zip(places, found.tolist(), strict=True):
             of_box.append((slice(top, bottom), slice(left, right)))
     return places
@@ -314,35 +322,48 @@ def _cut_out(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _landing_in(position, boxes, found):
+def _mark_boxes(boxes, marks):
+    """Set bit k of the pixels that lie in box k, and clear the others, up to 64 boxes."""
+    marks[:] = 0
+    for k in range(boxes.shape[0]):
+        bit = np.uint64(1) << np.uint64(k)
+        for row in range(boxes[k, 0], boxes[k, 1]):
+            line = marks[row, boxes[k, 2] : boxes[k, 3]]
+            for column in range(line.size):
+                line[column] |= bit
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _landing_in(position, marks, found):
     """Write the rows and columns, half-open, of the pixels that land in boxes; one, if none.
 
     Every third row and column is looked at, and the box found widened by as much.
+
+    Parameters
+    ----------
+    marks : (H, W) uint64
+        Of :func:`_mark_boxes`, of the reference.
     """
     rows, columns = position.shape[:2]
-    half = np.float32(0.5)
+    half, nothing = np.float32(0.5), np.uint64(0)
+    right, under = np.float32(marks.shape[1] - 0.5), np.float32(marks.shape[0] - 0.5)
     zero, one = np.int64(0), np.int64(1)
-    top = left = np.float32(np.inf)
-    bottom = right = np.float32(-np.inf)
-    for k in range(boxes.shape[0]):
+    for k in range(found.shape[0]):
         _set_box(found[k], rows, -one, columns, -one)
-        top, bottom = min(top, boxes[k, 0] - half), max(bottom, boxes[k, 1] - half)
-        left, right = min(left, boxes[k, 2] - half), max(right, boxes[k, 3] - half)
     for row in range(0, rows, 3):
+        before, last = nothing, 0
         for column in range(0, columns, 3):
             x, y = position[row, column, 0], position[row, column, 1]
-            if not (y > top and y < bottom and x > left and x < right):
-                continue
-            for k in range(boxes.shape[0]):
-                if (
-                    y > boxes[k, 0] - half and y < boxes[k, 1] - half
-                    and x > boxes[k, 2] - half and x < boxes[k, 3] - half
-                ):  # fmt: skip
-                    found[k, 0] = min(found[k, 0], row)
-                    found[k, 1] = row
-                    found[k, 2] = min(found[k, 2], column)
-                    found[k, 3] = max(found[k, 3], column)
-    for k in range(boxes.shape[0]):
+            here = nothing
+            if x > -half and y > -half and x < right and y < under:
+                here = marks[np.uint64(y + half), np.uint64(x + half)]
+            # most pixels land where those beside them do
+            if here != before:
+                _hold(found, before, row, last)
+                _hold(found, here, row, column)
+            before, last = here, column
+        _hold(found, before, row, last)
+    for k in range(found.shape[0]):
         if found[k, 1] < 0:
             _set_box(found[k], zero, one, zero, one)
         else:
@@ -350,6 +371,18 @@ def _landing_in(position, boxes, found):
             found[k, 1] = min(found[k, 1] + 3, rows)
             found[k, 2] = max(found[k, 2] - 2, 0)
             found[k, 3] = min(found[k, 3] + 3, columns)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _hold(found, marks, row, column):
+    """Let the boxes whose bits are set hold a pixel, in place: their first and last lines."""
+    k = 0
+    while marks != 0:
+        if marks & np.uint64(1):
+            found[k, 0], found[k, 1] = min(found[k, 0], row), max(found[k, 1], row)
+            found[k, 2], found[k, 3] = min(found[k, 2], column), max(found[k, 3], column)
+        marks >>= np.uint64(1)
+        k += 1
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

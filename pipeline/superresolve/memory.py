@@ -144,12 +144,17 @@ class Memory:
         """
         follows = frame.frame_index == self._detailed + 1
         before = self._details if follows else {}
-        self._details = before | {
-            target: (*before.get(target, ())[1 - KEPT :], detail_of(frame.view(target).luma))
-            for target in targets
-        }
+
+        def look(target: str) -> tuple[tuple[GreyImage, ...], bool]:
+            now = detail_of(frame.view(target).luma)
+            details = (*before.get(target, ())[1 - KEPT :], now)
+            return details, goes_on_changing(details, noise)
+
+        found = map_threads(look, targets)
+        looked_at = zip(targets, found, strict=True)
+        self._details = before | {target: details for target, (details, _) in looked_at}
         self._detailed = frame.frame_index
-        return any(goes_on_changing(self._details[target], noise) for target in targets)
+        return any(goes_on for _, goes_on in found)
 
     def move(self) -> None:
         """Keep of the frames so far only what holds wherever the rig is."""
@@ -464,21 +469,24 @@ class Memory:
         if self.previous is None:
             return
         self._last = frame.frame_index
-        for target, left in made.items():
-            self._observed[target] = frame.view(target).luma
-            old = self._solved[target]
+        self._observed |= {target: frame.view(target).luma for target in made}
+
+        def solved(target: str) -> Solved:
+            old, left = self._solved[target], made[target]
             frames = old.frames
             if frames is not None:
                 frames = np.where(np.isinf(left.frames), frames, np.float32(0))
                 if left.again is not None:
                     np.copyto(frames, self.still[target].count, where=left.again)
-            self._solved[target] = replace(
+            return replace(
                 old,
                 result=replace(old.result, estimate=left.estimate),
                 shown=left.shown,
                 frames=frames,
                 restored=left,
             )
+
+        self._solved |= dict(zip(made, map_threads(solved, made), strict=True))
 
     def keep_solved(self, registered: RegisteredFrame, solved: dict[str, Solved]) -> None:
         """Remember a frame that is reconstructed."""

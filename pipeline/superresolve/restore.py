@@ -73,7 +73,7 @@ def restore_frame(
             noise = memory.noise(frame, settings, targets)
         frame = memory.averaged(frame, noise)
         memory.miss(names)
-        if any(memory.still[target].touched.mean() > MOSTLY_CHANGED for target in targets):
+        if any(memory.still[target].share_touched > MOSTLY_CHANGED for target in targets):
             memory.move_on()
     return _made(frame, settings, targets, near, psf, noise, memory, effort, clock, stop)
 
@@ -120,7 +120,7 @@ def swift_frame(
         before = memory.seen
         noise, nearness = memory.noise_and_nearness(frame, settings, near)
         averaged = memory.averaged(frame, noise)
-        shares = [memory.still[target].touched.mean() for target in targets]
+        shares = [memory.still[target].share_touched for target in targets]
         drifts = memory.drifts(frame, targets, noise)
         lags = memory.lags(targets) or (not is_held and memory.begins_to_lag(targets))
         if memory.is_quieter or drifts or lags or max(shares) > MUCH_CHANGED:
@@ -194,7 +194,7 @@ def _made(
     clock.done("chroma")
 
     def share_kept(target: str) -> float:
-        return 1 - float(memory.still[target].touched.mean()) if effort.by_depth else 0.0
+        return 1 - memory.still[target].share_touched if effort.by_depth else 0.0
 
     report = FrameReport(
         frame_index=frame.frame_index,

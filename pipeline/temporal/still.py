@@ -70,6 +70,11 @@ class Still:
     """Whether those of the others begin to."""
 
     @functools.cached_property
+    def share_touched(self) -> float:
+        """Share of the pixels that have changed, or lie near what has."""
+        return np.count_nonzero(self.touched) / self.touched.size
+
+    @functools.cached_property
     def begun(self) -> Mask:
         """(H, W): whether the pixel lies in such a tile."""
         return tile_pixels(self.lagging, self.changed.shape)
