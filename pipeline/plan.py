@@ -24,6 +24,10 @@ from pipeline.sink import OutputPlan
 from pipeline.stereo import StereoLayout
 from pipeline.view_at import place_of
 
+SQUEEZED = Fraction(3, 2)
+"""From pixels of this shape on, or its inverse, a view counts as halved: the pixels of anamorphic
+video, 64:45 or 4:3 say, are nearer to squares than what 2x1 would make of them."""
+
 
 def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
     """Return what is written, now that the scene has said what it is."""
@@ -107,9 +111,10 @@ def _pixel_aspect(info: SceneInfo, grid: Grid) -> Fraction:
 
 def with_magnification(job: Job, info: SceneInfo) -> Job:
     """Return the job with the magnification that halved eyes need, if none was asked for."""
-    if not job.magnification_is_default or info.pixel_aspect == 1:
+    aspect = info.pixel_aspect
+    if not job.magnification_is_default or max(aspect, 1 / aspect) < SQUEEZED:
         return job
-    magnification = "2x1" if info.pixel_aspect > 1 else "1x2"
+    magnification = "2x1" if aspect > 1 else "1x2"
     return replace(
         job,
         settings=replace(job.settings, magnification=magnification),

@@ -131,7 +131,9 @@ class VideoReader:
         self._restart()
         first = self._decode_next(0)
         stream = self._stream  # a stream must not be touched once its container is closed
-        self.width, self.height = int(first.width), int(first.height)
+        self._coded_size = int(first.width), int(first.height)
+        self._turns = round(first.rotation / 90) % 4
+        self.width, self.height = self._coded_size[:: -1 if self._turns % 2 else 1]
         components = first.format.components
         bits = max(component.bits for component in components)
         self.bit_depth = 8 if bits <= 8 else 10 if bits <= 10 else 16
@@ -140,6 +142,8 @@ class VideoReader:
         self.fps = Fraction(rate.numerator, rate.denominator) if rate else None
         aspect = stream.sample_aspect_ratio
         self.pixel_aspect = Fraction(aspect.numerator, aspect.denominator) if aspect else None
+        if self.pixel_aspect is not None and self._turns % 2:
+            self.pixel_aspect = 1 / self.pixel_aspect
         self.stereo = _stereo_tag(stream, first)
         self.colorimetry = _colorimetry(first)
         self.holds_layers = (
@@ -314,7 +318,7 @@ class VideoReader:
         if not self._way_to(index)[1]:
             self._seek(index)
         frame = self._decode_next(index)
-        if (frame.width, frame.height) != (self.width, self.height):
+        if (frame.width, frame.height) != self._coded_size:
             raise SceneError(
                 f"changes its size to {frame.width}×{frame.height}", path=self.path, frame=index
             )
@@ -337,14 +341,16 @@ class VideoReader:
     def picture(self, index: int, *, with_chroma: bool = True) -> Picture:
         """Return frame ``index`` (0-based, presentation order) as luma and, if wanted, chroma.
 
-        The matrix and range the file is tagged with are honoured; without a tag they are
-        taken as for raw video (BT.709 from 720 lines up, limited; grey is full).
+        The matrix and range the file is tagged with are honoured, and by how many quarters it is
+        to be turned; without a tag the former are taken as for raw video (BT.709 from 720 lines
+        up, limited; grey is full).
         """
         with self._lock:
             if self._last is not None and self._last[0] == index:
                 return self._last[1]
             self._last = None
             picture = _picture(self._frame(index), with_chroma or self.keeps_last)
+            picture = _turned_picture(picture, self._turns)
             if self.keeps_last:
                 self._last = (index, picture)
             return picture
@@ -355,7 +361,7 @@ class VideoReader:
         Limited range is stretched to full only where the file is tagged with it.
         """
         with self._lock:
-            return _samples(self._frame(index), self.path)
+            return _turned(_samples(self._frame(index), self.path), self._turns)
 
     def approach(self, index: int) -> bool:
         """Decode a few of the frames that frame ``index`` needs, and convert nothing.
@@ -546,6 +552,18 @@ def _picture(frame: av.VideoFrame, with_chroma: bool) -> Picture:
     return picture_from_planes(
         planes_of(flat, layout), layout, matrix, value_range, with_chroma=with_chroma
     )
+
+
+def _turned_picture(picture: Picture, turns: int) -> Picture:
+    """Return the picture turned by so many quarters, counter-clockwise."""
+    if not turns:
+        return picture
+    chroma = None if picture.chroma is None else _turned(picture.chroma, turns)
+    return Picture(luma=_turned(picture.luma, turns), chroma=chroma)
+
+
+def _turned(samples: npt.NDArray, turns: int) -> npt.NDArray:
+    return np.ascontiguousarray(np.rot90(samples, turns)) if turns else samples
 
 
 def _samples(frame: av.VideoFrame, path: Path) -> npt.NDArray:

@@ -56,7 +56,7 @@ class SceneInfo:
     """True where every view that is read has a calibration."""
     pixel_aspect: Fraction = Fraction(1)
     """Width over height of a view's pixel; 2 for halves of half-width side-by-side video,
-    ½ for halves of half-height top-bottom video."""
+    ½ for halves of half-height top-bottom video; other ones of anamorphic video."""
     input_layout: str | None = None
     """``sbs``, ``half-sbs``, ``tab`` or ``half-tab`` where two views share one picture."""
     colorimetry: Colorimetry = field(default_factory=Colorimetry)

@@ -86,6 +86,8 @@ def format_description(description: Mapping[str, Any]) -> str:
         f"  calibration  {'yes' if description['calibration'] else 'no'}",
         f"  stereo pair  {_pair_text(description)}",
     ]
+    if description["pixel_aspect"] != "1" and not description["input_layout"]:
+        lines.insert(3, f"  pixel aspect {description['pixel_aspect']}")
     if description["input_layout"]:
         lines.insert(
             3,

@@ -33,6 +33,9 @@ from pipeline.media.ycbcr import YcbcrMatrix
 from pipeline.media.yuv import RawVideoFile
 from pipeline.stereo import pad_to_multiple
 
+ROUNDED = Fraction(1, 100)
+"""By how much the shape of a pixel differs from a square, at most, where sizes were but rounded."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PictureForm:
@@ -46,6 +49,8 @@ class PictureForm:
     bit_depth: int
     """8, 10 or 16."""
     colorimetry: Colorimetry = field(default_factory=Colorimetry)
+    pixel_aspect: Fraction = Fraction(1)
+    """Width over height of a pixel as shown."""
 
 
 class PictureReader(Protocol):
@@ -258,6 +263,7 @@ class VideoFileReader(_StreamReader):
             is_color=video.is_color,
             bit_depth=video.bit_depth,
             colorimetry=video.colorimetry,
+            pixel_aspect=_shape_of(video),
         )
 
     def picture(self, frame_index: int, *, with_chroma: bool = True) -> Picture:
@@ -271,6 +277,12 @@ class VideoFileReader(_StreamReader):
     def approach(self, frame_index: int) -> bool:
         """Decode a few of the frames that this one needs."""
         return self._video.approach(frame_index - self._first)
+
+
+def _shape_of(video: VideoReader) -> Fraction:
+    """Return width over height of a pixel as shown; 1 where it is nearly that."""
+    aspect = video.pixel_aspect or Fraction(1)
+    return Fraction(1) if abs(aspect - 1) < ROUNDED else aspect
 
 
 class PackedEyeReader(VideoFileReader):
@@ -295,6 +307,7 @@ class PackedEyeReader(VideoFileReader):
             is_color=video.is_color,
             bit_depth=video.bit_depth,
             colorimetry=video.colorimetry,
+            pixel_aspect=eye.layout.pixel_aspect_of(_shape_of(video)),
         )
         row = height if eye.second and not eye.layout.is_horizontal else 0
         column = width if eye.second and eye.layout.is_horizontal else 0

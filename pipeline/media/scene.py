@@ -51,12 +51,18 @@ class PackedLayout(StrEnum):
         """True where the views lie beside each other."""
         return self in (PackedLayout.SIDE_BY_SIDE, PackedLayout.HALF_SIDE_BY_SIDE)
 
-    @property
-    def pixel_aspect(self) -> Fraction:
-        """Width over height of a pixel of one view: 2 where it was halved along x, ½ along y."""
-        if self is PackedLayout.HALF_SIDE_BY_SIDE:
-            return Fraction(2)
-        return Fraction(1, 2) if self is PackedLayout.HALF_TOP_BOTTOM else Fraction(1)
+    def pixel_aspect_of(self, said: Fraction) -> Fraction:
+        """Return width over height of a view's pixel: 2 where it was halved along x, ½ along y.
+
+        Parameters
+        ----------
+        said : Fraction
+            What the file says of the pixels of the whole picture: nothing but what being halved
+            means where it is that (of full views, too, as some muxers write them), else more.
+        """
+        squeezed = Fraction(2) if self.is_horizontal else Fraction(1, 2)
+        aspect = squeezed if self.value.startswith("half") else Fraction(1)
+        return aspect if said == squeezed else aspect * said
 
 
 @dataclass(frozen=True, kw_only=True)

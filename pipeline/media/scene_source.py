@@ -213,12 +213,24 @@ class SceneSource:
             depth_is_metric=all(calibrated)
             and (given is None or given.kind is not DepthKind.DISPARITY),
             has_calibration=all(calibrated),
-            pixel_aspect=layout.pixel_aspect if layout is not None else Fraction(1),
+            pixel_aspect=self._pixel_aspect(notes),
             input_layout=layout.value if layout is not None else None,
             colorimetry=self._colorimetry(notes),
             sound=self._sound(fps, notes),
             warnings=tuple(notes),
         )
+
+    def _pixel_aspect(self, notes: list[str]) -> Fraction:
+        """Return the shape of the left eye's pixels, or of the first view's."""
+        told = {view.description.view_id: view.color.form.pixel_aspect for view in self._views}
+        chosen = told.get(self._description.left or "", next(iter(told.values())))
+        others = [view_id for view_id, said in told.items() if said != chosen]
+        if others:
+            notes.append(
+                f"pixels of another shape in: {', '.join(others)}; all are taken to be {chosen} "
+                "times as wide as high"
+            )
+        return chosen
 
     def _colorimetry(self, notes: list[str]) -> Colorimetry:
         """Return what is said of the left eye, or of the first view where that is not read."""

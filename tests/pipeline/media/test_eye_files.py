@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
+import subprocess
 from fractions import Fraction
 
+import av
 import numpy as np
 import pytest
 
@@ -12,6 +15,7 @@ from pipeline.config import Settings
 from pipeline.errors import OutputError, SceneError
 from pipeline.fingerprint import scene_files as files_of_job
 from pipeline.job import Job, OutputOptions
+from pipeline.media.decode import VideoReader
 from pipeline.media.encode import join_segments, write_segment
 from pipeline.media.eye_files import eyes_beside, eyes_in
 from pipeline.media.layouts import describe_path
@@ -21,6 +25,7 @@ from pipeline.media.video_format import Container, VideoCodec, VideoFormat
 from pipeline.run import run_job
 from pipeline.stereo import StereoLayout
 from service.client import scene_files, scene_name
+from tests.support.needed import program
 
 SHAPE = (24, 36)
 
@@ -202,3 +207,60 @@ def test_eyes_are_not_written_among_eyes(tmp_path, output):
     with pytest.raises(OutputError, match="could not be told"):
         run_job(job)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["clip_L.mkv", "clip_R.mkv"]
+
+
+def write_camera_file(path, *, rotation=0, aspect=Fraction(1), seed=1):
+    """Write two pictures of noise, 36 × 24, as a camera that is held otherwise, or anamorphic."""
+    with av.open(str(path), "w") as output:
+        stream = output.add_stream("libx264", rate=24, options={"crf": "1"})
+        stream.width, stream.height, stream.pix_fmt = SHAPE[1], SHAPE[0], "yuv444p"
+        stream.codec_context.sample_aspect_ratio = aspect
+        if rotation:
+            stream.set_display_rotation(rotation)
+        for number in range(2):
+            frame = av.VideoFrame.from_ndarray(texture(seed), "rgb24")
+            frame.pts = number
+            output.mux(stream.encode(frame))
+        output.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize("rotation", [0, 90, 180, -90])
+def test_video_is_turned_as_it_says(tmp_path, rotation):
+    """As FFmpeg's program turns it."""
+    film = write_camera_file(tmp_path / "a_L.mov", rotation=rotation)
+    write_camera_file(tmp_path / "a_R.mov", rotation=rotation, seed=2)
+    with open_scene(tmp_path) as source:
+        height, width = source.info.lr_shape
+        luma = source.read(1).view("left").luma
+    assert (height, width) == (SHAPE[::-1] if rotation % 180 else SHAPE)
+    command = [program("ffmpeg"), "-v", "error", "-i", str(film), "-f", "rawvideo"]
+    command += ["-pix_fmt", "yuv444p", "-frames:v", "1", "-"]
+    planes = subprocess.run(command, check=True, capture_output=True).stdout
+    seen = np.frombuffer(planes, np.uint8).reshape(3, height, width)[0]
+    assert np.corrcoef(luma.ravel(), seen.ravel())[0, 1] > 0.999
+
+
+@pytest.mark.parametrize(
+    ("aspect", "rotation", "shape", "shown", "ending"),
+    [
+        (Fraction(4, 3), 0, (48, 72), Fraction(4, 3), "mp4"),
+        (Fraction(4, 3), 0, (48, 72), Fraction(4, 3), "mkv"),
+        (Fraction(4, 3), 90, (72, 48), Fraction(3, 4), "mp4"),
+        (Fraction(2), 0, (24, 72), Fraction(1), "mp4"),
+        (Fraction(287, 288), 0, (48, 72), Fraction(1), "mp4"),
+    ],
+)
+def test_pixels_that_are_not_square_stay_so(tmp_path, aspect, rotation, shape, shown, ending):
+    for eye in "LR":
+        write_camera_file(tmp_path / f"a_{eye}.mov", rotation=rotation, aspect=aspect)
+    out = tmp_path / "results" / f"out.{ending}"
+    out.parent.mkdir()
+    job = Job(
+        scene=tmp_path, settings=Settings(), output=OutputOptions(output=out),
+        magnification_is_default=True,
+    )  # fmt: skip
+    run_job(job)
+    with contextlib.closing(VideoReader(out)) as reader:
+        assert (reader.height, reader.width // 2) == shape
+        assert reader.pixel_aspect == shown
