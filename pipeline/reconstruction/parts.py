@@ -16,10 +16,10 @@ from numba import njit
 from pipeline.frames import GreyImage, Mask, Positions, RegisteredView
 from pipeline.grid import Grid
 
-TILE = 8
+TILE = 4
 """Side of the tiles of which boxes are made, LR pixels."""
 
-HALO = 4
+HALO = 3
 """Pixels around a box that are solved and thrown away, LR pixels."""
 
 BOX_COST = 1500
