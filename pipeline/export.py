@@ -126,7 +126,7 @@ def export(
             if video_format is not None and output.output is not None:
                 join_segments(
                     [_video(folder, item) for item in segments], output.output, video_format,
-                    _sound(master, len(frames), output, video_format),
+                    _sound(master, len(frames), output, video_format), timecode=reader.timecode,
                 )  # fmt: skip
             folder.remove()
     on_event(JobFinished(seconds=0.0))

@@ -18,6 +18,7 @@ from pipeline.media.info import SceneInfo, Sound
 from pipeline.media.png import png_path
 from pipeline.media.sound import sound_codec
 from pipeline.media.source import FrameSource
+from pipeline.media.timecode import later
 from pipeline.media.video_format import container_of, lost_of_hdr, video_paths
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.sink import OutputPlan
@@ -60,9 +61,18 @@ def make_plan(job: Job, info: SceneInfo) -> OutputPlan:
         between=place,
         is_realtime=job.settings.realtime,
         colorimetry=info.colorimetry,
+        timecode=_timecode(job, info),
         sound=sound,
         warnings=warnings,
     )
+
+
+def _timecode(job: Job, info: SceneInfo) -> str | None:
+    """Return the time code of the first frame that is written, if the scene has any."""
+    if info.timecode is None:
+        return None
+    frames = job.input.frames.within(info.frame_indices)
+    return later(info.timecode, frames.start - info.frame_indices.start, info.fps)
 
 
 def _sound(job: Job, info: SceneInfo) -> tuple[Sound | None, tuple[str, ...]]:

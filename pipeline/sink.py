@@ -47,6 +47,8 @@ class OutputPlan:
     """Whether it is written at the pace of a live stream."""
     colorimetry: Colorimetry = field(default_factory=Colorimetry)
     """What is said of the pictures' RGB."""
+    timecode: str | None = None
+    """Of the first frame that is written."""
     sound: Sound | None = None
     """What goes along with the pictures, into files of a kind that takes it."""
     warnings: tuple[str, ...] = ()

@@ -6,8 +6,8 @@
   :mod:`images` and :mod:`yuv`; nearness by :mod:`depth_maps`, missing depth by
   :mod:`depth_estimation`, :mod:`stereo_matching` and :mod:`rectification`;
 * what is written: :mod:`media_sink` with :mod:`encode`, :mod:`png`, :mod:`sound`,
-  :mod:`matroska`, :mod:`isobmff`, :mod:`files`; kinds of video are :mod:`video_format`;
-  :mod:`lossless` clips for browsers;
+  :mod:`matroska`, :mod:`isobmff`, :mod:`timecode`, :mod:`files`; kinds of video are
+  :mod:`video_format`; :mod:`lossless` clips for browsers;
 * colours: :mod:`colorimetry`, :mod:`ycbcr`, and :mod:`coded` without RGB between;
 * live: :mod:`cameras` and :mod:`instants`, :mod:`live_source`, :mod:`live_manifest`,
   :mod:`live_frames`, :mod:`live_encode`, :mod:`live_file`, :mod:`jpeg`;

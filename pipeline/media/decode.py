@@ -144,6 +144,9 @@ class VideoReader:
         self.pixel_aspect = Fraction(aspect.numerator, aspect.denominator) if aspect else None
         if self.pixel_aspect is not None and self._turns % 2:
             self.pixel_aspect = 1 / self.pixel_aspect
+        told = {**self._container.metadata, **stream.metadata}
+        self.timecode = next((told[key] for key in told if key.lower() == "timecode"), None)
+        """Time code of the first frame, as the file says it."""
         self.stereo = _stereo_tag(stream, first)
         self.colorimetry = _colorimetry(first)
         self.holds_layers = (

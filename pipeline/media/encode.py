@@ -240,8 +240,9 @@ def takes_sound(container: Container, path: Path) -> bool:
 
 
 def join_segments(
-    segments: Sequence[Path], out: Path, video_format: VideoFormat, sound: Sound | None = None
-) -> int:
+    segments: Sequence[Path], out: Path, video_format: VideoFormat, sound: Sound | None = None,
+    *, timecode: str | None = None,
+) -> int:  # fmt: skip
     """Copy the packets of segments into one video; return its number of frames.
 
     Nothing is encoded again. The video starts at time 0; frame n is shown at
@@ -257,6 +258,8 @@ def join_segments(
     video_format : VideoFormat
     sound : Sound, optional
         Copied along; of a kind that the container takes, see :func:`takes_sound`.
+    timecode : str, optional
+        Of the first frame, as :mod:`timecode` has them; WebM has no place for it.
 
     Raises
     ------
@@ -285,6 +288,8 @@ def join_segments(
                     and video_format.container is not Container.MKV
                 ):
                     stream.codec_context.codec_tag = _APPLE_TAG
+                if timecode is not None and video_format.container is not Container.WEBM:
+                    stream.metadata["timecode"] = timecode
                 if is_packed_apple:
                     stream.metadata["handler_name"] = HANDLER
                 track = None if sound is None else stack.enter_context(SoundCopy(sound, output))

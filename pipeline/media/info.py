@@ -61,6 +61,8 @@ class SceneInfo:
     """``sbs``, ``half-sbs``, ``tab`` or ``half-tab`` where two views share one picture."""
     colorimetry: Colorimetry = field(default_factory=Colorimetry)
     """What is said of the pictures' RGB: that of the left eye where views differ."""
+    timecode: str | None = None
+    """Time code of the first frame: that of the left eye's file, or of the first that has any."""
     sound: Path | None = None
     """The video file whose sound belongs to the scene, if any."""
     warnings: tuple[str, ...] = ()

@@ -55,10 +55,17 @@ def set_packing(path: Path, *, side_by_side: bool) -> None:
 
     try:
         place, index = _index(path)
-        said = _edited(index, (b"trak", b"mdia", b"hdlr"), shortened)
-        said = _edited(said, (b"trak", *_TO_ENTRY, b"vexu"), lambda vexu: vexu + packing)
+        said = _edited(index, (b"trak", *_TO_ENTRY, b"vexu"), lambda vexu: vexu + packing)
+        to_name = (b"mdia", b"hdlr")
+        boxes = [
+            _box(kind, _edited(said, to_name, shortened) if kind == b"trak" else said)
+            for kind, said in _boxes(said)
+        ]
     except (KeyError, IndexError) as error:
         raise OutputError(f"{path}: no stereo video found in its index") from error
+    said = b"".join(boxes)
+    if len(said) < len(index):  # the track of the time code has the name of its video's, too
+        said += _box(b"free", bytes(len(index) - len(said) - 8))
     assert len(said) == len(index)  # else every frame would lie elsewhere
     with path.open("r+b") as file:
         file.seek(place)

@@ -112,7 +112,9 @@ class MediaSink:
         for view_id, output in self._outputs().items():
             assert self._format is not None
             segments = [self._segment_files(stem)[view_id] for stem in stems]
-            join_segments(segments, output, self._format, self._sound)
+            join_segments(
+                segments, output, self._format, self._sound, timecode=self.plan.timecode
+            )  # fmt: skip
             written.append(output)
         if self.plan.options.frames_dir is not None:
             self._remove_half_pictures()  # of a worker that was killed, whose segment another made

@@ -57,6 +57,7 @@ def describe(source: FrameSource) -> dict[str, Any]:
             "last": info.frame_indices.stop - 1,
             "count": info.num_frames,
         },
+        "timecode": info.timecode,
         "fps": f"{info.fps.numerator}/{info.fps.denominator}",
         "depth": {
             "kind": info.depth_kind,
@@ -86,6 +87,8 @@ def format_description(description: Mapping[str, Any]) -> str:
         f"  calibration  {'yes' if description['calibration'] else 'no'}",
         f"  stereo pair  {_pair_text(description)}",
     ]
+    if description["timecode"]:
+        lines.insert(5, f"  time code    {description['timecode']}")
     if description["pixel_aspect"] != "1" and not description["input_layout"]:
         lines.insert(3, f"  pixel aspect {description['pixel_aspect']}")
     if description["input_layout"]:

@@ -61,6 +61,8 @@ class PictureReader(Protocol):
     """Frames that can be read, from the scene's first frame on."""
     fps: Fraction | None
     """What the file says; None: nothing."""
+    timecode: str | None
+    """Of the first frame, as the file says it."""
     has_uneven_times: bool
     """Whether the file shows its frames for unequal times."""
     is_interlaced: bool
@@ -144,6 +146,7 @@ class ImageFilesReader:
     """Image files by pattern, or one image."""
 
     repeats_line = False
+    timecode: str | None = None
     has_uneven_times = False
     is_interlaced = False
     holds_layers = False
@@ -254,6 +257,7 @@ class VideoFileReader(_StreamReader):
         super().__init__(video.path, first_frame, video.num_frames)
         self._video = video
         self.fps: Fraction | None = video.fps
+        self.timecode: str | None = video.timecode
         self.has_uneven_times = video.has_uneven_times
         self.is_interlaced = video.is_interlaced
         self.holds_layers = video.holds_layers
@@ -333,6 +337,7 @@ class RawVideoReader(_StreamReader):
     """A file of raw frames."""
 
     fps: Fraction | None = None
+    timecode: str | None = None
     has_uneven_times = False
     is_interlaced = False
     holds_layers = False

@@ -216,6 +216,7 @@ class SceneSource:
             pixel_aspect=self._pixel_aspect(notes),
             input_layout=layout.value if layout is not None else None,
             colorimetry=self._colorimetry(notes),
+            timecode=self._timecode(fps, notes),
             sound=self._sound(fps, notes),
             warnings=tuple(notes),
         )
@@ -243,6 +244,20 @@ class SceneSource:
                 f"to be {' '.join(chosen.names)}"
             )
         return chosen
+
+    def _timecode(self, fps: Fraction, notes: list[str]) -> str | None:
+        """Return the time code of the first frame, if the rate is that of the files."""
+        left = self._description.left
+        views = sorted(self._views, key=lambda view: view.description.view_id != left)
+        told = {
+            view.description.view_id: view.color.timecode
+            for view in views
+            if view.color.timecode is not None and view.color.fps == fps
+        }
+        if len(set(told.values())) > 1:
+            said = ", ".join(f"{view_id} {code}" for view_id, code in told.items())
+            notes.append(f"time codes differ: {said}; views are paired by the number of the frame")
+        return next(iter(told.values()), None)
 
     def _sound(self, fps: Fraction, notes: list[str]) -> Path | None:
         """Return the first video of a view that has sound, that of the left eye before others."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import shutil
 import subprocess
 from fractions import Fraction
@@ -13,14 +14,16 @@ import pytest
 
 from pipeline.config import Settings
 from pipeline.errors import OutputError, SceneError
+from pipeline.export import Master, export
 from pipeline.fingerprint import scene_files as files_of_job
-from pipeline.job import Job, OutputOptions
+from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
 from pipeline.media.decode import VideoReader
 from pipeline.media.encode import join_segments, write_segment
 from pipeline.media.eye_files import eyes_beside, eyes_in
 from pipeline.media.layouts import describe_path
 from pipeline.media.png import write_png
 from pipeline.media.source import open_scene
+from pipeline.media.timecode import later
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
 from pipeline.run import run_job
 from pipeline.stereo import StereoLayout
@@ -209,10 +212,14 @@ def test_eyes_are_not_written_among_eyes(tmp_path, output):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["clip_L.mkv", "clip_R.mkv"]
 
 
-def write_camera_file(path, *, rotation=0, aspect=Fraction(1), seed=1):
+def write_camera_file(
+    path, *, rotation=0, aspect=Fraction(1), seed=1, fps=Fraction(24), timecode=None
+):  # fmt: skip
     """Write two pictures of noise, 36 × 24, as a camera that is held otherwise, or anamorphic."""
     with av.open(str(path), "w") as output:
-        stream = output.add_stream("libx264", rate=24, options={"crf": "1"})
+        stream = output.add_stream("libx264", rate=fps, options={"crf": "1"})
+        if timecode is not None:
+            stream.metadata["timecode"] = timecode
         stream.width, stream.height, stream.pix_fmt = SHAPE[1], SHAPE[0], "yuv444p"
         stream.codec_context.sample_aspect_ratio = aspect
         if rotation:
@@ -264,3 +271,48 @@ def test_pixels_that_are_not_square_stay_so(tmp_path, aspect, rotation, shape, s
     with contextlib.closing(VideoReader(out)) as reader:
         assert (reader.height, reader.width // 2) == shape
         assert reader.pixel_aspect == shown
+
+
+@pytest.mark.parametrize("ending", ["mov", "mp4", "mkv"])
+def test_a_time_code_goes_along_from_the_first_frame_written(tmp_path, ending):
+    """Into the result, through a master, into what is exported of it; with drop-frame numbers."""
+    for eye, timecode in (("L", "01:00:59;29"), ("R", "01:00:59;28")):
+        path = tmp_path / f"a_{eye}.mov"
+        write_camera_file(path, fps=Fraction(30000, 1001), timecode=timecode)
+    out, master = (tmp_path / "results" / name for name in (f"out.{ending}", "master.mkv"))
+    out.parent.mkdir()
+    with open_scene(tmp_path) as source:
+        assert any("right 01:00:59;28; views are paired" in text for text in source.info.warnings)
+    frames = InputOptions(frames=FrameRange(start=1))
+    for path, codec in ((out, "h264"), (master, "ffv1")):
+        output = OutputOptions(output=path, codec=codec)
+        run_job(Job(scene=tmp_path, settings=Settings(), input=frames, output=output))
+    made = Master(
+        path=master, fps=Fraction(30000, 1001), first_frame=1, layout=StereoLayout.SBS
+    )  # fmt: skip
+    exported = out.with_name(f"exported.{ending}")
+    export(made, OutputOptions(output=exported))
+    for path in (out, exported):
+        command = [program("ffprobe"), "-v", "error", "-show_streams", "-of", "json", str(path)]
+        told = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
+        tags = [
+            {key.lower(): value for key, value in stream["tags"].items()}
+            for stream in told["streams"]
+        ]
+        assert {item["timecode"] for item in tags} == {"01:01:00;02"}
+        assert {item.get("handler_name", "VideoHandler") for item in tags} == {"VideoHandler"}
+
+
+@pytest.mark.parametrize("fps", [Fraction(25), Fraction(30000, 1001), Fraction(60000, 1001)])
+def test_time_codes_go_on_by_one_and_begin_anew_each_day(fps):
+    mark = ":" if fps == 25 else ";"
+    rate = round(fps)
+    a_day = 24 * 3600 * rate - (0 if mark == ":" else 24 * 54 * rate // 15)
+    code, seen = f"09:59:58{mark}00", set()
+    for _ in range(3 * 60 * rate):
+        seen.add(code)
+        code = later(code, 1, fps)
+    assert len(seen) == 3 * 60 * rate
+    assert later(code, a_day, fps) == code
+    assert later("00:00:00" + mark + "00", -1 % a_day, fps) == f"23:59:59{mark}{rate - 1}"
+    assert later("later", 0, fps) is None
