@@ -21,7 +21,7 @@ import av.error
 import numpy.typing as npt
 
 from pipeline.errors import ConfigurationError, Interrupted, SceneError
-from pipeline.media.decode import matrix_of, planar, planes_of, range_of
+from pipeline.media.decode import matrix_of, planar, planes_of, range_of, rate_of
 from pipeline.media.instants import Instant, Instants, SteadyClock
 from pipeline.media.jpeg import encode_jpeg
 from pipeline.media.live_frames import EncodedPicture, PictureEncoding
@@ -290,7 +290,7 @@ class _Reader:
             stream = container.streams.video[0]
             stream.thread_type = "SLICE"  # threads by frames would hold pictures back
             has_stamps = not int(container.format.flags) & _NO_STAMPS
-            self.fps = _rate_of(stream) if has_stamps else None
+            self.fps = rate_of(stream) if has_stamps else None
             heard: list[int] = []
             clock, settled = SteadyClock(), time.monotonic() + SETTLE
             for frame in self._frames(container, stream):
@@ -342,14 +342,6 @@ def measured_rate(came: Sequence[int]) -> Fraction | None:
     gaps = [later - earlier for earlier, later in pairwise(came)]
     usual = median(gaps) if gaps else 0
     return Fraction(max(1, round(1e9 / usual))) if HIGHEST_FPS * usual >= 1e9 else None
-
-
-def _rate_of(stream: av.VideoStream) -> Fraction | None:
-    """Return the frames a second that a camera tells; ticks of its clock are none."""
-    for rate in (stream.average_rate, stream.guessed_rate):
-        if rate and rate <= HIGHEST_FPS:
-            return Fraction(rate.numerator, rate.denominator)
-    return None
 
 
 def encoded(frame: av.VideoFrame, encoding: PictureEncoding) -> EncodedPicture:

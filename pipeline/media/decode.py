@@ -26,6 +26,7 @@ from pipeline.colour import Picture, picture_from_rgb
 from pipeline.errors import SceneError
 from pipeline.media.colorimetry import HDR, Colorimetry, LightLevel, MasteringDisplay
 from pipeline.media.isobmff import holds_layers
+from pipeline.media.video_format import HIGHEST_FPS
 from pipeline.media.ycbcr import YcbcrMatrix, matrix_for
 from pipeline.media.yuv import (
     PlanarFormat,
@@ -138,8 +139,8 @@ class VideoReader:
         bits = max(component.bits for component in components)
         self.bit_depth = 8 if bits <= 8 else 10 if bits <= 10 else 16
         self.is_color = bool(first.format.is_rgb or len(components) >= 3)
-        rate = stream.average_rate or stream.guessed_rate or stream.base_rate
-        self.fps = Fraction(rate.numerator, rate.denominator) if rate else None
+        rate = stream.average_rate or stream.base_rate
+        self.fps = rate_of(stream) or (Fraction(rate.numerator, rate.denominator) if rate else None)
         aspect = stream.sample_aspect_ratio
         self.pixel_aspect = Fraction(aspect.numerator, aspect.denominator) if aspect else None
         if self.pixel_aspect is not None and self._turns % 2:
@@ -416,6 +417,14 @@ class VideoReader:
             self._decoded.clear()
             self._last = None
             self._container.close()
+
+
+def rate_of(stream: av.VideoStream) -> Fraction | None:
+    """Return the frames a second that a file or a camera tells; ticks of its clock are none."""
+    for rate in (stream.average_rate, stream.guessed_rate):
+        if rate and rate <= HIGHEST_FPS:
+            return Fraction(rate.numerator, rate.denominator)
+    return None
 
 
 def _said(error: Exception) -> str:

@@ -407,3 +407,19 @@ def test_a_frame_that_was_passed_may_be_asked_for(tmp_path):
             np.testing.assert_array_equal(reader.picture(passed).luma, expected[passed])
     for video in (reader, other):
         video.close()
+
+
+def test_the_rate_of_raw_dv_is_not_the_ticks_of_its_clock(tmp_path):
+    """FFmpeg 8 tells 60000 frames a second of it, and 25 when it guesses."""
+    path = tmp_path / "tape.dv"
+    with av.open(str(path), "w", format="dv") as output:
+        stream = output.add_stream("dvvideo", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 720, 576, "yuv420p"
+        for number in range(3):
+            frame = av.VideoFrame.from_ndarray(np.full((864, 720), 128, np.uint8), "yuv420p")
+            frame.pts = number
+            output.mux(stream.encode(frame))
+        output.mux(stream.encode())
+    reader = VideoReader(path)
+    assert (reader.fps, reader.num_frames) == (25, 3)
+    reader.close()
