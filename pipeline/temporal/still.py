@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.frames import GreyImage, Mask
+from pipeline.frames import GreyImage, Mask, frozen
+from pipeline.reconstruction.rows import LEAN, OPTIONS, blur_ring, blur_row, mirror
 from pipeline.temporal.lagging import Away, has_few_tiles, lagging_tiles, tile_pixels, tiles_of
 
 MOST_FRAMES = 4
@@ -23,6 +24,9 @@ MOST_FRAMES = 4
 
 SMOOTHING = 0.7
 """σ of the Gaussian on the difference, LR pixels: it leaves ``PASSED`` of the noise's power."""
+
+SMOOTHING_REACH = 3
+"""Pixels to each side that it reaches."""
 
 PASSED = 1 / 6
 
@@ -106,14 +110,13 @@ def seen_again(luma: GreyImage, before: Still, noise: float) -> Still:
     """
     if before.mean.shape != luma.shape:
         return first_seen(luma)
-    difference = luma - before.mean
-    smooth = cv2.GaussianBlur(difference, (0, 0), SMOOTHING, borderType=cv2.BORDER_REFLECT)
-    power = cv2.blur(smooth * smooth, (BOX, BOX), borderType=cv2.BORDER_REFLECT)
-    bound = WIDE_BOUND[0] + WIDE_BOUND[1] * noise
-    np.clip(difference, -bound, bound, out=difference)
-    wide = cv2.blur(difference, (WIDE_BOX, WIDE_BOX), borderType=cv2.BORDER_REFLECT)
+    difference, smooth, wide = (np.empty(luma.shape, np.float32) for _ in range(3))
     found = np.empty(luma.shape, np.uint8)
-    _judge(before.count, power, wide, np.float32(noise), found)
+    _compare(
+        # both read-only, for one compilation
+        frozen(luma), frozen(before.mean), before.count, noise,
+        WIDE_BOUND[0] + WIDE_BOUND[1] * noise, *_windows(), difference, smooth, wide, found,
+    )  # fmt: skip
     # what changes is wider than a pixel, what noise feigns is not
     found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     reached = _reached(found)
@@ -137,20 +140,129 @@ def _reached(found: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     return cv2.dilate(found, np.ones((side, side), np.uint8))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@functools.cache
+def _windows() -> tuple[npt.NDArray[np.float32], ...]:
+    """Return the half taps of the Gaussian, the box and the wide box."""
+    gauss = cv2.getGaussianKernel(2 * SMOOTHING_REACH + 1, SMOOTHING)[SMOOTHING_REACH:, 0]
+    boxes = (np.full(side // 2 + 1, 1 / side, np.float32) for side in (BOX, WIDE_BOX))
+    return gauss.astype(np.float32), *boxes
+
+
+@njit(**OPTIONS)
+def _compare(
+    luma, means, frames, noise, bound, gauss, box, wide_box, difference, smooth, wide, changed
+):
+    """Write how a picture differs from the mean before it, and where that is more than noise.
+
+    Rows stream by: nothing but what is asked for leaves the processor's cache.
+
+    Parameters
+    ----------
+    luma, means, frames : (H, W) float32
+        The picture, the mean, and of how many frames it is one.
+    noise, bound : float
+        Grey levels; the difference is cut off at the latter.
+    gauss, box, wide_box : float32
+        Half taps; the last ones reach farthest.
+    difference, smooth, wide : (H, W) float32
+        Overwritten: what is cut off; smoothed, before it is; and its mean over the wide box.
+    changed : (H, W) uint8
+        Overwritten: where the mean square of what is smoothed, or that mean, is more than noise.
+    """
+    # the row that leaves the wide box is still there when another one enters
+    width, lines = luma.shape[1], 2 * wide_box.size
+    _compare_rows(
+        luma, means, frames, np.float32(noise), np.float32(bound), gauss, box, wide_box,
+        difference, smooth, wide, changed, np.empty((3, lines, width), np.float32),
+        np.empty(width + lines, np.float32), np.empty(width, np.float32),
+        np.zeros(width, np.float32),
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _compare_rows(
+    luma, means, frames, noise, bound, gauss, box, wide_box, difference, smooth, wide, changed,
+    rings, room, line, total,
+):  # fmt: skip
+    height, width = luma.shape
+    lines = rings.shape[1]
+    reach, share = wide_box.size - 1, wide_box[0]
+    smoothed, squares, sums = rings[0], rings[1], rings[2]
+    next_row = next_smooth = np.int64(0)
+    for y in range(height):
+        while next_row < min(height, y + wide_box.size):
+            v = next_row
+            _differ(luma[v], means[v], bound, line, difference[v])
+            blur_row(line, gauss, room, smoothed[v % lines])
+            blur_row(difference[v], wide_box, room, sums[v % lines])
+            next_row += 1
+        while next_smooth < min(height, y + box.size):
+            v = next_smooth
+            blur_ring(smoothed, v, gauss, height, width, smooth[v])
+            _square(smooth[v], line)
+            blur_row(line, box, room, squares[v % lines])
+            next_smooth += 1
+        blur_ring(squares, y, box, height, width, line)
+        # what a column holds of the wide box goes on from row to row
+        if y == 0:
+            for row in range(-reach, reach + 1):
+                _add(sums[mirror(row, height) % lines], total)
+        else:
+            _exchange(
+                sums[mirror(y + reach, height) % lines],
+                sums[mirror(y - reach - 1, height) % lines], total,
+            )  # fmt: skip
+        _scale(total, share, wide[y])
+        _judge(frames[y], line, wide[y], noise, changed[y])
+
+
+@njit(**LEAN)
+def _differ(own, mean, bound, out, cut_off):
+    for x in range(out.size):
+        away = own[x] - mean[x]
+        out[x] = away
+        cut_off[x] = min(max(away, -bound), bound)
+
+
+@njit(**LEAN)
+def _add(row, total):
+    for x in range(total.size):
+        total[x] += row[x]
+
+
+@njit(**LEAN)
+def _exchange(entering, leaving, total):
+    for x in range(total.size):
+        total[x] += entering[x] - leaving[x]
+
+
+@njit(**LEAN)
+def _scale(row, share, out):
+    for x in range(out.size):
+        out[x] = share * row[x]
+
+
+@njit(**LEAN)
+def _square(row, out):
+    for x in range(row.size):
+        out[x] = row[x] * row[x]
+
+
+@njit(**LEAN)
 def _judge(frames, power, wide, noise, changed):
-    """Mark the pixels whose surroundings differ from their mean by more than noise."""
+    """Mark the pixels of a row whose surroundings differ from their mean by more than noise."""
     one = np.float32(1.0)
     excess = np.float32(EXCESS * PASSED)
     tolerated = np.float32(TOLERATED * TOLERATED)
     spread = np.float32(16.0 / (WIDE_BOX * WIDE_BOX))
     margin = np.float32(WIDE_TOLERATED)
-    for row in range(frames.shape[0]):
-        for column in range(frames.shape[1]):
-            variance = noise * noise * (one + one / frames[row, column])
-            changed[row, column] = power[row, column] > excess * variance + tolerated or abs(
-                wide[row, column]
-            ) > margin + np.sqrt(spread * variance)
+    for x in range(frames.size):
+        variance = noise * noise * (one + one / frames[x])
+        is_strong = power[x] > excess * variance + tolerated
+        # without a root: farther than the margin, and that by more than four deviations
+        beyond = abs(wide[x]) - margin
+        is_wide = (beyond > 0) & (beyond * beyond > spread * variance)
+        changed[x] = is_strong | is_wide
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
