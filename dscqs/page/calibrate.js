@@ -31,7 +31,7 @@ try {
 async function begin(profiles) {
   const wanted = new URLSearchParams(location.search).get("display") ?? "";
   const first = wanted in profiles ? wanted : Object.keys(profiles)[0];
-  const form = { name: first, profile: { ...profiles[first] } };
+  const form = { name: first, chosen: profiles[first], profile: { ...profiles[first] } };
   const stage = new Stage(document.getElementById("display"), form.profile);
   const render = () => page(profiles, form, stage, render);
   render();
@@ -53,6 +53,7 @@ function page(profiles, form, stage, render) {
       const stored = { ...profile, calibrated: new Date().toISOString().slice(0, 16) + " UTC" };
       form.profile = await api.put(`displays/${encodeURIComponent(form.name)}`, stored);
       profiles[form.name] = { ...form.profile };
+      form.chosen = profiles[form.name];
       render();
       main.querySelector("[role=status]").textContent = `Stored as ${form.name}.`;
     } catch (error) {
@@ -68,6 +69,7 @@ function page(profiles, form, stage, render) {
       { class: "grid" },
       choice("Profile", Object.keys(profiles), form.name, (name) => {
         form.name = name;
+        form.chosen = profiles[name];
         form.profile = { ...profiles[name] };
         stage.profile = form.profile;
         render();
@@ -97,6 +99,12 @@ function page(profiles, form, stage, render) {
         await stage.fill();
         const seen = await stage.environment.observe(stage.drawing);
         if (seen.canvas) {
+          const [width, height] = seen.canvas;
+          const isAnother = width !== profile.width_px || height !== profile.height_px;
+          // the pitch of another screen would make the rings and the squares of wrong sizes
+          if (isAnother && profile.pixel_pitch_mm === form.chosen.pixel_pitch_mm) {
+            profile.pixel_pitch_mm = null;
+          }
           [profile.width_px, profile.height_px] = seen.canvas;
           profile.title = profile.title.replace(/\d+ × \d+/, seen.canvas.join(" × "));
         }

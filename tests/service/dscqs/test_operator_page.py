@@ -109,6 +109,9 @@ def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http, o
     row.get_by_role("button", name="Resume").click()
     row.get_by_text("test", exact=True).wait_for()
     _look(page, "operator-test")
+    page.set_viewport_size({"width": 360, "height": 740})
+    assert page.evaluate("document.documentElement.scrollWidth") == 360  # a telephone shows it all
+    page.set_viewport_size({"width": 1360, "height": 900})
 
     with page.expect_download() as download:
         page.get_by_role("link", name="Votes (CSV)").click()

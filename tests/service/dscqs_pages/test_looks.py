@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from dscqs.displays import profile_from_dict
 from tests.service.dscqs_pages.conftest import HEIGHT, PROFILE, TIMING, WIDTH
 from tests.service.dscqs_pages.test_session import given, logs_of, sides_of, votes_of
 from tests.support.accessibility import problems
+from tests.support.browser import PATIENCE_MS
 
 
 def test_pages_around_a_session(make_tab, desk, make_test, operator, served, plan):
@@ -106,14 +108,14 @@ def test_the_page_that_calibrates(make_tab, served):
     """Logged out, and in: size, eyes and pixels of the very screen, stored under a new name."""
     name, address = "calibrated", f"{served.url}/dscqs/pages/calibrate.html"
     displays = served.app.state.desks.real.displays
-    displays.put("desk", profile_from_dict(PROFILE))
+    displays.put("another", profile_from_dict({**PROFILE, "pixel_pitch_mm": 0.277}))
     page = make_tab().page
     page.goto(address)
     page.get_by_text("Log in as an operator first").wait_for()
     assert problems(page) == []
     login = f"{served.url}/dscqs/api/operator/login"
     assert page.request.post(login, data={"token": served.token}).ok
-    page.goto(f"{address}?display=desk")
+    page.goto(f"{address}?display=another")
     page.get_by_label("Store as").fill(name)
     page.get_by_text("Measure the pixels with a bank card").click()
     assert problems(page) == []
@@ -122,6 +124,7 @@ def test_the_page_that_calibrates(make_tab, served):
     page.get_by_text(f"the window has {WIDTH} × {HEIGHT} pixels").wait_for()
     assert problems(page) == []
     page.get_by_role("button", name="Take the size of this screen").click()
+    page.get_by_text("Measure the pixels to know the distance").wait_for()  # not another's any more
     page.get_by_role("button", name="eyes", exact=True).click()
     page.wait_for_selector("html[data-showing=yes]", state="attached")
     for key in ("s", "p", " "):
@@ -135,6 +138,13 @@ def test_the_page_that_calibrates(make_tab, served):
     stored = displays.get(name)
     assert (stored.width_px, stored.height_px) == (WIDTH, HEIGHT)
     assert (stored.swap, stored.phase, stored.pixel_pitch_mm) == (True, 1, 0.2)
+    page.get_by_label("Width of the signal, pixels").fill("10")
+    page.get_by_label("Pixel pitch, mm").fill("0.3")
+    page.get_by_role("button", name="Take the size of this screen").click()
+    expect(page.get_by_label("Width of the signal, pixels")).to_have_value(
+        str(WIDTH), timeout=PATIENCE_MS
+    )
+    assert page.get_by_label("Pixel pitch, mm").input_value() == "0.3"  # measured on this one
 
 
 def test_fingers_grade_as_pointers_do(enter, make_test, operator, plan):
