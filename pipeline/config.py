@@ -61,7 +61,8 @@ class Settings:
     )
     sampling: str = setting(
         "area",
-        "where an LR pixel sits on the HR grid",
+        "where an LR pixel sits on the HR grid: amid the K × K that it covers (cameras, ordinary "
+        "down-scalers), or where every K-th pixel was kept",
         choices=tuple(phase.value for phase in Sampling),
     )
     registration: str = setting(
@@ -117,7 +118,9 @@ class Settings:
         choices=("bicubic", "sr"),
     )  # fmt: skip
     temporal: str = setting(
-        "cold", "whether a frame of a video starts from the one before it",
+        "cold",
+        "how frames of a video are computed: each on its own, from the one before it (warm: "
+        "faster), or mostly by depth maps (swift: fastest, for fixed cameras)",
         choices=("cold", "swift", "warm"),
     )  # fmt: skip
     temporal_window: int = setting(

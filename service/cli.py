@@ -97,7 +97,7 @@ def make_parser() -> Parser:
 def _add_run(commands: Any) -> None:
     from pipeline.config import Settings
     from pipeline.job import InputOptions, OutputOptions
-    from service.options import ALIASES, add_options
+    from service.options import ALIASES, METHOD_WORDS, add_options
 
     parser = commands.add_parser(
         "run",
@@ -119,7 +119,7 @@ def _add_run(commands: Any) -> None:
         action="store_true",
         help="go on from what an interrupted run of the same job has finished",
     )
-    add_options(parser.add_argument_group("method"), Settings)
+    add_options(parser.add_argument_group("method", METHOD_WORDS), Settings)
     parser.add_argument_group("where").add_argument(
         "--cluster",
         metavar="ADDRESS",

@@ -74,14 +74,15 @@ def _add_stimuli(subcommands: Any) -> None:
 
 def _add_making(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--kind", choices=("still", "video"), default="still", help="(default: still)"
-    )
+        "--kind", choices=("still", "video"), default="still",
+        help="PNG stills, or lossless WebM clips (default: still)",
+    )  # fmt: skip
     parser.add_argument(
         "--frame", type=int, default=0, metavar="N",
         help="frame of a still, from 0 within its source (default: 0)",
     )  # fmt: skip
     parser.add_argument(
-        "--fps", type=Fraction, metavar="N", help="frame rate of clips made of pictures"
+        "--fps", type=Fraction, metavar="N", help="frames a second of clips made of pictures"
     )
     add_options(
         parser.add_argument_group("bicubic:SCENE, as its results were made"), Settings,

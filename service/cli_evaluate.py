@@ -31,7 +31,7 @@ def add_evaluate(commands: Any) -> None:
 def _add_set1(protocols: Any) -> None:
     from pipeline.config import MAGNIFICATIONS, Settings
     from pipeline.job import FrameRange
-    from service.options import add_options
+    from service.options import METHOD_WORDS, add_options
 
     parser = protocols.add_parser(
         "set1",
@@ -77,7 +77,7 @@ def _add_set1(protocols: Any) -> None:
     )  # fmt: skip
     parser.add_argument("--json", type=Path, metavar="FILE", help="JSON file to write as well")
     add_options(
-        parser.add_argument_group("method"), Settings,
+        parser.add_argument_group("method", METHOD_WORDS), Settings,
         leave_out=("magnification", "sampling", "psf", "psf_sigma", "psf_support", "psf_per_layer"),
     )  # fmt: skip
     add_talk(parser)

@@ -22,7 +22,7 @@ def add_serve(commands: Any) -> None:
     from pipeline.config import Settings
     from pipeline.job import InputOptions, OutputOptions
     from service.jobs.paths import NO_EXPORTS, NOT_OF_EXPORTS, OURS
-    from service.options import add_options
+    from service.options import METHOD_WORDS, add_options
 
     serve = commands.add_parser(
         "serve",
@@ -60,7 +60,7 @@ def add_serve(commands: Any) -> None:
     )  # fmt: skip
     add_options(submit.add_argument_group("input"), InputOptions)
     add_options(submit.add_argument_group("output"), OutputOptions, leave_out=OURS)
-    add_options(submit.add_argument_group("method"), Settings)
+    add_options(submit.add_argument_group("method", METHOD_WORDS), Settings)
     submit.set_defaults(command=_run_submit)
 
     export = commands.add_parser(
@@ -121,6 +121,16 @@ def _add_later(commands: Any) -> None:
     add_server(cancel, "bearer token")
     cancel.set_defaults(command=_run_cancel)
 
+    retry = commands.add_parser(
+        "retry",
+        help="let a failed or cancelled job of a service go on",
+        description="Queue a failed or cancelled job again. It goes on from its last finished "
+        "segment; fetch waits for it.",
+    )
+    retry.add_argument("job", metavar="JOB", help="id of the job, as submit prints it")
+    add_server(retry, "bearer token")
+    retry.set_defaults(command=_run_retry)
+
 
 def _add_config(parser: argparse.ArgumentParser) -> None:
     from service.config import ServiceConfig
@@ -157,7 +167,7 @@ def _run_serve(arguments: argparse.Namespace) -> int:
 
     config = _loaded(arguments).config
     configure(config.log_level)
-    for sentence in config.open_doors():
+    for sentence in (*config.open_doors(), *config.missing_roots()):
         logging.getLogger(__name__).warning(sentence)
     Store(config.data).close()  # another service, or a newer one: said before any address is
     serve(create_app(config), config, say=say)
@@ -253,6 +263,12 @@ def _run_fetch(arguments: argparse.Namespace) -> int:
 def _run_cancel(arguments: argparse.Namespace) -> int:
     with _client(arguments) as client:
         sys.stdout.write(f"{client.cancel(arguments.job).state}\n")
+    return EXIT_DONE
+
+
+def _run_retry(arguments: argparse.Namespace) -> int:
+    with _client(arguments) as client:
+        sys.stdout.write(f"{client.retry(arguments.job).state}\n")
     return EXIT_DONE
 
 

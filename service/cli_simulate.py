@@ -31,17 +31,19 @@ def add_simulate(subcommands: Any) -> None:
         help="true grade of conditions, 0 to 100 (default: reference 80, others 40 to 75)",
     )  # fmt: skip
     for name, default, said in (
-        ("content-sd", 4.0, "deviation between contents"),
-        ("bias-sd", 6.0, "deviation between assessors"),
-        ("noise-sd", 8.0, "deviation of a grade"),
-        ("lapse", 0.02, "probability of a grade without thought"),
+        ("content-sd", 4.0, "standard deviation between contents [grades, 0 to 100]"),
+        ("bias-sd", 6.0, "standard deviation between assessors [grades, 0 to 100]"),
+        ("noise-sd", 8.0, "standard deviation of a grade [grades, 0 to 100]"),
+        ("lapse", 0.02, "probability of a grade without thought, 0 to 1"),
         ("speed", 20.0, "times faster than people"),
     ):
         parser.add_argument(
             f"--{name}", type=float, default=default, metavar="N",
             help=f"{said} (default: {default:g})",
         )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="(default: 1)")
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="of the grades (default: 1)"
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="votes to write (CSV)")
     add_server(parser, "operator's token")
     add_verbose(parser)

@@ -164,9 +164,10 @@ def _opened(config: Any) -> Any:
     while True:
         try:
             return ZenohBus(config)
-        except BusError:
+        except BusError as error:
             if time.monotonic() > deadline:
-                raise
+                hint = "depthsr serve starts a service, --connect names another"
+                raise BusError(f"{error}; {hint}") from error
             time.sleep(0.25)
 
 

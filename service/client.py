@@ -170,7 +170,7 @@ class Client:
             except httpx.TransportError as error:
                 lost = lost or time.monotonic()
                 if time.monotonic() - lost > patience:
-                    raise ServiceError(f"{self._http.base_url}: is not there: {error}") from error
+                    raise self._absent(error) from error
             time.sleep(0.5)
 
     def results(self, job_id: str) -> list[RemoteResult]:
@@ -205,8 +205,14 @@ class Client:
         try:
             answer = self._http.request(method, where, **options)
         except httpx.TransportError as error:
-            raise ServiceError(f"{self._http.base_url}: is not there: {error}") from error
+            raise self._absent(error) from error
         return _taken(answer)
+
+    def _absent(self, error: Exception) -> ServiceError:
+        return ServiceError(
+            f"{self._http.base_url}: is not there: {error}; "
+            "depthsr serve starts a service, --server names another"
+        )
 
 
 def scene_files(scene: Path) -> dict[str, Path]:

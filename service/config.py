@@ -138,6 +138,12 @@ class ServiceConfig:
             ]
         return tuple(said)
 
+    def missing_roots(self) -> tuple[str, ...]:
+        """Return a sentence for each root that is not there (yet)."""
+        return tuple(
+            f"--roots: {root}: there is no such folder" for root in self.roots if not root.is_dir()
+        )
+
     def bus(self) -> BusConfig:
         """Return how the bus of streams is reached.
 

@@ -21,6 +21,14 @@ ALIASES: Mapping[str, tuple[str, ...]] = {"quality": ("--crf",)}
 NOTHING: Mapping[str, tuple[str, ...]] = {}
 
 
+METHOD_WORDS = (
+    "LR: pictures as they were observed. HR: the finer grid. K: the magnification. PSF: point "
+    "spread function, the blur of camera and lens. Grey level: 1/255 of the range from black to "
+    "white."
+)
+"""What the options of the method take for granted; told above them."""
+
+
 def add_options(
     parser: Container,
     kind: type,

@@ -69,6 +69,12 @@ def test_tls_that_would_guard_nothing_is_refused(tmp_path, monkeypatch, flags, s
         load_config(flags=flags)
 
 
+def test_roots_that_are_not_there_are_told(tmp_path):
+    absent = tmp_path / "scenes"
+    (sentence,) = load_config(flags={"roots": f"{tmp_path},{absent}"}).config.missing_roots()
+    assert str(absent) in sentence
+
+
 def test_doors_that_ask_for_nothing_are_told(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("tokens", "users", *TLS.values()):

@@ -93,6 +93,7 @@ def test_submit_says_in_one_line_what_went_wrong(live_service, tmp_path):
     done = _run("submit", str(clip), "--server", "http://127.0.0.1:9")
     assert done.returncode == 1
     assert "is not there" in done.stderr
+    assert "depthsr serve starts a service" in done.stderr
 
 
 def _worker_of(service) -> int | None:

@@ -114,7 +114,7 @@ def test_the_commands_find_a_job_again(api, live_service, tmp_path, capsys):
     assert not (tmp_path / "out.mp4").exists()
 
 
-def test_the_commands_cancel_a_job_and_fetch_nothing_of_it(tmp_path, tiny_scene, capsys):
+def test_the_commands_cancel_a_job_fetch_nothing_of_it_and_retry_it(tmp_path, tiny_scene, capsys):
     """By a service that does none: another might be done with it first."""
     roots = (tiny_scene.parent,)
     config = ServiceConfig(data=tmp_path / "data", workers=0, zenoh="off", roots=roots)
@@ -126,6 +126,10 @@ def test_the_commands_cancel_a_job_and_fetch_nothing_of_it(tmp_path, tiny_scene,
         assert capsys.readouterr().out == "cancelled\n"
         assert main(["fetch", unwanted, *server, "-o", str(tmp_path / "none.mkv")]) == 1
         assert f"job {unwanted} cancelled" in capsys.readouterr().err
+        assert main(["retry", unwanted, *server]) == 0
+        assert capsys.readouterr().out == "queued\n"
+        assert main(["retry", unwanted, *server]) == 1
+        assert "queued" in capsys.readouterr().err
 
 
 def test_forms_asked_for_at_the_start_come_with_the_results(api):

@@ -55,4 +55,6 @@ def test_nobody_there_is_told_after_a_while(capsys, monkeypatch):
     monkeypatch.setattr(cli_streams, "PATIENCE", 0.5)
     endpoint = free_endpoint()
     assert main(["subscribe", "a", "--connect", endpoint]) == 1
-    assert f"zenoh at {endpoint}: Unable to connect" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"zenoh at {endpoint}: Unable to connect" in said
+    assert "depthsr serve starts a service, --connect names another" in said
