@@ -19,7 +19,7 @@ from pipeline.registration.by_depth import DepthLaw, Nearness, landed_by_depth, 
 from pipeline.registration.prepare import cleaned
 from pipeline.registration.register import Previous, ViewRegistration
 from pipeline.superresolve.registered import RegisteredFrame
-from pipeline.temporal.drift import KEPT, detail_of, goes_on_changing
+from pipeline.temporal.drift import KEPT, Detail, detail_of, goes_on_changing
 from pipeline.temporal.initial import BlockMatch, match_blocks
 from pipeline.temporal.lagging import has_few_tiles, much_lags
 from pipeline.temporal.moving import has_moved
@@ -41,7 +41,7 @@ QUIETER = 0.7
 of its own."""
 
 
-Seen = tuple[dict[str, Still], dict[str, float], dict[str, tuple[GreyImage, ...]], int]
+Seen = tuple[dict[str, Still], dict[str, float], dict[str, tuple[Detail, ...]], int]
 """What a look at frames has told: see :attr:`Memory.seen`."""
 
 
@@ -79,7 +79,7 @@ class Memory:
         self.turn = self._stands_since = 0
         self._found_in = self._last = self._detailed = -1
         self._observed: dict[str, GreyImage] = {}
-        self._details: dict[str, tuple[GreyImage, ...]] = {}
+        self._details: dict[str, tuple[Detail, ...]] = {}
         self.still: dict[str, Still] = {}
         self._noise: dict[str, float] = {}
         self._missed: dict[str, Mask] = {}

@@ -2,15 +2,18 @@
 
 Not in the thesis. From one frame to the next most of it seems to stand still, but what is kept of
 it lags behind. What tells it is that it changes as it did a frame before, in most of its blocks;
-what only moves in front of something does so in some, and noise in none.
+what only moves in front of something does so in some, and noise in none. Noise that a codec has
+left does go on, and what is finer than detail with it: that much of it is taken off.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from pipeline.frames import GreyImage
 
@@ -31,6 +34,12 @@ SLOWEST = (0.012, 0.001)
 """Square of what they change by from frame to frame at least over that span, and what is added for
 each of the noise's, grey levels²."""
 
+CALM = 1 / 4
+"""Share of the blocks by which noise is told: those in which what is finest changes least."""
+
+PASSED = 1 / 4
+"""Power of a camera's noise in half-size pictures, over that in what is finest."""
+
 FEWEST = 64
 """Blocks below which nothing is said: things that move reach into most of so few."""
 
@@ -38,33 +47,72 @@ KEPT = SPAN + 2
 """Pictures that are needed, the newest one among them."""
 
 
-def detail_of(luma: GreyImage) -> GreyImage:
-    """Return what is looked at of a picture, at half its size."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Detail:
+    """What is looked at of a picture."""
+
+    coarse: GreyImage
+    """(h, w): the picture at half its size, less its mean in a box, grey levels."""
+    finest: GreyImage
+    """(h, w): of the four pixels of each, what differs along both axes, grey levels: noise above
+    all, of the same power as in the picture."""
+
+
+def detail_of(luma: GreyImage) -> Detail:
+    """Return what is looked at of a picture."""
     height, width = luma.shape
     size = (max(1, width // 2), max(1, height // 2))
     small = cv2.resize(luma, size, interpolation=cv2.INTER_AREA)
-    return small - cv2.blur(small, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
+    around = cv2.blur(small, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
+    even = luma[: 2 * (height // 2), : 2 * (width // 2)]
+    along = even[:, ::2] - even[:, 1::2]
+    return Detail(coarse=small - around, finest=np.float32(0.5) * (along[::2] - along[1::2]))
 
 
-def goes_on_changing(details: Sequence[GreyImage], noise: float) -> bool:
+def goes_on_changing(details: Sequence[Detail], noise: float) -> bool:
     """Return whether a picture changes all over as it did a frame before.
 
     Parameters
     ----------
-    details : sequence of (h, w) float32
+    details : sequence of Detail
         :func:`detail_of` of its last frames, in order; the last ``KEPT`` are looked at.
     noise : float
         Standard deviation, LR pixels of one frame, grey levels.
     """
     span = min(SPAN, len(details) - 2)
-    if span < 1 or details[-1].shape != details[-2 - span].shape:
+    if span < 1 or details[-1].coarse.shape != details[-2 - span].coarse.shape:
         return False
-    # of four frames no two share their noise, unless the span is of one; that only hides a change
-    agreeing = (details[-1] - details[-1 - span]) * (details[-2] - details[-2 - span])
-    height, width = agreeing.shape
-    across, down = width // BLOCK, height // BLOCK
-    if across * down < FEWEST:
+    height, width = details[-1].coarse.shape
+    if (width // BLOCK) * (height // BLOCK) < FEWEST:
         return False
-    blocks = cv2.resize(agreeing, (across, down), interpolation=cv2.INTER_AREA)
+    now, last, before, first = (details[place] for place in (-1, -2, -1 - span, -2 - span))
     slowest = (SLOWEST[0] + SLOWEST[1] * noise**2) * SPAN**2
-    return float(np.quantile(blocks, 1 - IN_BLOCKS)) > slowest
+    changes = now.coarse - before.coarse, last.coarse - first.coarse
+    agreeing = _in_blocks(changes[0] * changes[1])
+    # of four frames no two share their noise, but a codec's; of three they do, which hides a change
+    if span > 1 and _least_of_most(agreeing) <= slowest:
+        return False
+    power = _in_blocks(changes[0] ** 2 + changes[1] ** 2) / 2
+    share, finest = _noise_that_agrees(now.finest - before.finest, last.finest - first.finest)
+    bound = finest if share > 0 else PASSED * finest
+    return _least_of_most(agreeing - share * np.minimum(power, bound)) > slowest
+
+
+def _noise_that_agrees(now: GreyImage, before: GreyImage) -> tuple[float, float]:
+    """Return the correlation of two changes of what is finest where it is calm, and its power."""
+    squares = _in_blocks(now**2 + before**2) / 2
+    calm = squares <= np.quantile(squares, CALM)
+    power = float(squares[calm].mean())
+    share = float(_in_blocks(now * before)[calm].mean()) / power if power else 0.0
+    return share, power
+
+
+def _in_blocks(image: GreyImage) -> npt.NDArray[np.float32]:
+    """Return the mean in each block."""
+    height, width = image.shape
+    return cv2.resize(image, (width // BLOCK, height // BLOCK), interpolation=cv2.INTER_AREA)
+
+
+def _least_of_most(blocks: npt.NDArray[np.floating]) -> float:
+    """Return what is exceeded in as many blocks as have to go on changing."""
+    return float(np.quantile(blocks, 1 - IN_BLOCKS))

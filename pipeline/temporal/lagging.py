@@ -2,15 +2,14 @@
 
 Not in the thesis. Where a frame differs from the mean before it as the last two did, the mean is
 behind, not noisy: the product of two differences is, in the mean over many pixels, the square of
-how far. The smaller of the two products counts, and nothing is said to lag where even what is
-finer than detail is alike from frame to frame: a codec's noise is, and cannot be told from a lag;
-nor can a lag without noise. Only pixels that seem to stand still are looked at, so that what moves
-says nothing.
+how far, and that of what noise does from frame to frame. The latter is told by what is finer than
+detail, where that is calm: it is nothing at first, less than nothing once old frames fade, and much
+where a codec has left noise that stays. It is taken off; the smaller of the two products counts.
+Only pixels that seem to stand still are looked at, so that what moves says nothing.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,9 +38,15 @@ LAG_OF_MOST = (0.01, 0.01)
 SLIGHT_LAG = (0.01, 0.004)
 """The same from which they should not be left alone for long."""
 
-ALIKE = 0.1
-"""Correlation of what is finer than detail with that of the frame before, beyond which nothing is
-said: it is at most 0.06 with a camera's noise, 0.3 to 0.8 in H.264 of usual quality."""
+CALM = 1 / 4
+"""Share of the tiles by which noise is told: those in which what is finer than detail differs
+least."""
+
+PASSED = 1 / 3
+"""Power of a camera's noise in detail, over that in what is finer."""
+
+FADED = 3 / 4
+"""What it does to the second product, over what to the first: so much of the mean is kept."""
 
 LEAST = TILE**2 / 3
 """Pixels of a tile that are counted at least: of few, chance says more."""
@@ -113,24 +118,38 @@ def lagging_tiles(
     noise : float
         Standard deviation, grey levels.
     """
-    away = np.empty_like(smooth)
-    sums = np.zeros((2, *tiles_of(smooth.shape)))
+    away, fine = np.empty_like(smooth), np.empty_like(smooth)
+    sums = np.zeros((5, *tiles_of(smooth.shape)))
     numbers = np.zeros_like(sums[0])
-    fine = np.empty_like(smooth)
-    powers = np.zeros(3)
     _sum_tiles(
         difference, smooth, wide, *before.detail, before.fine, count, reached, away, fine, sums,
-        numbers, powers,
+        numbers,
     )  # fmt: skip
     now = Away(detail=(away, before.detail[0]), fine=fine)
-    if powers[0] > ALIKE * math.sqrt(powers[1] * powers[2]):
+    counted = np.maximum(numbers, LEAST)
+    first, second, power, finer, finer_power = sums / counted
+    seen = numbers >= LEAST
+    if not seen.any():
         return now, np.zeros(numbers.shape, np.bool_), False
-    lags = sums.min(axis=0) / np.maximum(numbers, LEAST)
+    calm = seen & (finer_power <= np.quantile(finer_power[seen], CALM))
+    least_power = float(finer_power[calm].mean())
+    share = float(finer[calm].mean()) / least_power if least_power else 0.0
+    if share > 0:
+        noisy, little = np.minimum(power, finer_power), np.minimum(power, least_power)
+    else:
+        noisy = little = PASSED * least_power * numbers / counted
+
+    def lags(hidden: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return the squares of the lag, of which noise has done a share of what is hidden."""
+        faded = 1.0 if share > 0 else FADED
+        return np.minimum(first - share * hidden, second - faded * share * hidden)
+
     one, most, slightly = (
         bound[0] + bound[1] * noise**2 for bound in (LAG, LAG_OF_MOST, SLIGHT_LAG)
     )
-    lagging = lags > one
-    rest = np.inf if lagging.all() else float(np.median(lags[~lagging]))
+    # a codec's noise is more here than there: of a tile its own counts, of all what there is least
+    lagging = lags(noisy) > one
+    rest = np.inf if lagging.all() else float(np.median(lags(little)[~lagging]))
     if rest > most:
         lagging[:] = True
     return now, lagging, rest > slightly
@@ -138,17 +157,17 @@ def lagging_tiles(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _sum_tiles(
-    difference, smooth, wide, first, second, fine_before, count, reached, away, fine, sums,
-    numbers, powers,
-):  # fmt: skip
-    """Write how detail and finer things differ; add up the products with those before.
+    difference, smooth, wide, first, second, fine_before, count, reached, away, fine, sums, numbers
+):
+    """Write how detail and finer things differ, and add up by tile what they have in common.
 
-    ``sums`` has those of detail by tile; ``powers`` those of finer things in all, and the squares.
+    That is the products of detail with that of the two frames before and its mean square in this
+    frame and the one before, and the same for finer things, of one frame before.
     """
     height, width = smooth.shape
     rows, columns = numbers.shape
-    totals, found = np.zeros((2, width), np.float32), np.zeros(width, np.float32)
-    squares = np.zeros((3, width), np.float32)
+    totals, found = np.zeros((5, width), np.float32), np.zeros(width, np.float32)
+    half = np.float32(0.5)
     for row in range(height):
         for column in range(width):
             detail = smooth[row, column] - wide[row, column]
@@ -156,21 +175,19 @@ def _sum_tiles(
             away[row, column] = detail
             fine[row, column] = finer
             stands = np.float32((reached[row, column] == 0) & (count[row, column] > 2))
-            totals[0, column] += stands * detail * first[row, column]
+            last, finer_last = first[row, column], fine_before[row, column]
+            totals[0, column] += stands * detail * last
             totals[1, column] += stands * detail * second[row, column]
-            squares[0, column] += stands * finer * fine_before[row, column]
-            squares[1, column] += stands * finer * finer
-            squares[2, column] += stands * fine_before[row, column] * fine_before[row, column]
+            totals[2, column] += stands * half * (detail * detail + last * last)
+            totals[3, column] += stands * finer * finer_last
+            totals[4, column] += stands * half * (finer * finer + finer_last * finer_last)
             found[column] += stands
         at = min(row // TILE, rows - 1)
         if row == height - 1 or min((row + 1) // TILE, rows - 1) > at:
             for column in range(width):
                 tile = min(column // TILE, columns - 1)
-                for product in range(2):
-                    sums[product, at, tile] += totals[product, column]
+                for kind in range(5):
+                    sums[kind, at, tile] += totals[kind, column]
                 numbers[at, tile] += found[column]
             totals[:] = 0
             found[:] = 0
-    for column in range(width):
-        for power in range(3):
-            powers[power] += squares[power, column]

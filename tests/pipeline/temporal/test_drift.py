@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from pipeline.frames import MultiViewFrame, View
+from pipeline.noise import estimate_noise
 from pipeline.superresolve.memory import Memory
 from pipeline.temporal.drift import KEPT, SPAN, detail_of, goes_on_changing
+from tests.pipeline.temporal.coded import coded, noisy
 
 NOISE = 2.0
 HEIGHT, WIDTH = 120, 160
@@ -51,8 +53,34 @@ def test_what_changes_all_over_is_noticed(kind, noise):
     assert goes_on_changing(_details(DRIFTS[kind], KEPT + 2, noise), noise)
 
 
-def test_what_changes_fast_is_noticed_in_the_third_frame():
-    details = _details(lambda number: _shifted(0.4 * number), 3)
+def _found_through_a_codec(path, shown, quality):
+    """Return frame by frame whether the picture goes on changing."""
+    details, found = [], []
+    for luma in coded(path, noisy(shown(number) for number in range(18)), quality):
+        details.append(detail_of(luma))
+        found.append(goes_on_changing(details, estimate_noise(luma)))
+    return found
+
+
+@pytest.mark.parametrize("quality", [18, 23])
+def test_what_a_codec_leaves_of_noise_is_no_drift(tmp_path, quality):
+    """It stays for some frames, and changes as slowly as what drifts: at first it is coarser."""
+    found = _found_through_a_codec(tmp_path / "film.mkv", lambda _: GROUND, quality)
+    assert sum(found[:6]) <= 2
+    assert not any(found[6:])
+
+
+@pytest.mark.parametrize("quality", [18, 23])
+def test_a_drift_is_noticed_through_a_codec(tmp_path, quality):
+    film = tmp_path / "film.mkv"
+    found = _found_through_a_codec(film, lambda number: _shifted(0.15 * number), quality)
+    assert all(found[5:])
+
+
+@pytest.mark.parametrize("pixels", [0.28, 0.4])
+def test_what_changes_at_once_is_noticed_in_the_third_frame(pixels):
+    """Of three frames two changes share the noise of the second, which is taken into account."""
+    details = _details(lambda number: _shifted(pixels * number), 3)
     assert not goes_on_changing(details[:2], NOISE)
     assert goes_on_changing(details, NOISE)
 
@@ -81,13 +109,14 @@ def test_once_it_stands_still_it_is_still_after_the_span():
 
 
 def test_of_a_picture_with_few_blocks_nothing_is_said():
-    details = [detail[:48, :64] for detail in _details(DRIFTS["pan"], KEPT)]
+    details = [detail_of(_shifted(0.05 * number)[:96, :128]) for number in range(KEPT)]
     assert not goes_on_changing(details, NOISE)
 
 
 def test_another_size_is_another_picture():
     details = _details(DRIFTS["pan"], KEPT)
-    assert not goes_on_changing([detail[:20] for detail in details[:-1]] + details[-1:], NOISE)
+    others = [detail_of(GROUND[:100]) for _ in details[1:]]
+    assert not goes_on_changing([*others, details[-1]], NOISE)
 
 
 @pytest.mark.parametrize(("step", "noticed"), [(1, True), (2, False)])

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-from fractions import Fraction
-
 import cv2
 import numpy as np
 import pytest
 
-from pipeline.media.decode import VideoReader
-from pipeline.media.encode import write_segment
-from pipeline.media.video_format import VideoFormat
 from pipeline.noise import estimate_noise
-from pipeline.stereo import StereoLayout
 from pipeline.temporal.lagging import TILE, has_few_tiles, much_lags, tile_pixels, tiles_of
 from pipeline.temporal.still import first_seen, seen_again
+from tests.pipeline.temporal.coded import coded, noisy
 
 HEIGHT, WIDTH = 200, 300
 PART = 100
@@ -51,7 +45,7 @@ def test_where_nothing_or_light_alone_changes_nothing_lags(noise):
         assert not any(still.lagging.any() for still in _seen(shown, 16, noise))
 
 
-@pytest.mark.parametrize("noise", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("noise", [0.0, 0.5, 1.0, 2.0])
 def test_what_lags_is_noticed_where_it_does_and_begins_anew(noise):
     seen = np.zeros(tiles_of(GROUND.shape), bool)
     for still in _seen(_dissolved_in_part, 12, noise):
@@ -123,21 +117,36 @@ def test_every_pixel_lies_in_a_tile():
     assert tiles_of((20, 30)) == (1, 1)
 
 
-@pytest.mark.parametrize("quality", [8, 23])
+@pytest.mark.parametrize("quality", [8, 18, 23])
 def test_what_a_codec_leaves_of_noise_does_not_lag(tmp_path, quality):
     """It stays from frame to frame, where what is coded stands still."""
-    chance, path = np.random.default_rng(3), tmp_path / "film.mkv"
-    form = VideoFormat.for_path(path, layout=StereoLayout.LEFT, fps=Fraction(15), crf=quality)
-    frames = (
-        (np.clip(np.rint(GROUND + chance.normal(0, 2, GROUND.shape)), 0, 255).astype(np.uint8),)
-        for _ in range(16)
-    )
-    write_segment(path, form, frames, first_frame=0)
     still = None
-    with contextlib.closing(VideoReader(path)) as film:
-        for number in range(film.num_frames):
-            luma = film.picture(number).luma
-            noise = estimate_noise(luma)
-            still = first_seen(luma) if still is None else seen_again(luma, still, noise)
-            assert not still.lagging.any()
-            assert not still.begins_to_lag
+    for luma in coded(tmp_path / "film.mkv", noisy(GROUND for _ in range(16)), quality):
+        noise = estimate_noise(luma)
+        still = first_seen(luma) if still is None else seen_again(luma, still, noise)
+        assert not still.lagging.any()
+        assert not still.begins_to_lag
+
+
+@pytest.mark.parametrize("quality", [18, 23])
+def test_what_lags_is_noticed_through_a_codec(tmp_path, quality):
+    still, seen = None, np.zeros(tiles_of(GROUND.shape), bool)
+    shown = noisy(_dissolved_in_part(number) for number in range(12))
+    for luma in coded(tmp_path / "film.mkv", shown, quality):
+        noise = estimate_noise(luma)
+        still = first_seen(luma) if still is None else seen_again(luma, still, noise)
+        seen |= still.lagging
+    inside = PART // TILE
+    assert seen[:, :inside].mean() > 0.5
+    assert not seen[:, inside + 1 :].any()
+
+
+def test_noise_hides_no_lag_from_a_mean_of_which_old_frames_fade():
+    """A new frame that joins such a mean takes its own noise with it into the next difference."""
+
+    def shown(number):
+        return GROUND + (OTHER - GROUND) * np.float32(max(0, number - 8) / 150)
+
+    found = list(_seen(shown, 24, 2.0))
+    assert not any(still.lagging.any() for still in found[:8])
+    assert any(still.lagging.all() for still in found[8:])
