@@ -15,7 +15,7 @@ import av
 import numpy as np
 from av.video.frame import PictureType
 
-from tests.support.needed import absent
+from tests.support.needed import absent, program
 from tests.support.ports import free_port
 
 FIRST_LEVEL, STEP, LEVELS = 40, 8, 20
@@ -165,8 +165,9 @@ class RtspServer:
         self.close()
 
     def _start(self) -> None:
-        program = Path(__file__).with_name("rtsp_server.py")
-        command = ["/usr/bin/python3", program, str(self._port), str(self.FPS), *self._cameras]
+        script = Path(__file__).with_name("rtsp_server.py")
+        python = program("/usr/bin/python3")
+        command = [python, script, str(self._port), str(self.FPS), *self._cameras]
         self._process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
