@@ -117,6 +117,16 @@ export function duration(seconds) {
   return h ? `${h}:${two(m)}:${two(s)}` : `${m}:${two(s)}`;
 }
 
+/**
+ * Seconds until all `total` frames are done, by the pace of those that were: `frames` are
+ * `{ at, done }`, milliseconds and how many then; null before there is a pace.
+ */
+export function secondsLeft(frames, total) {
+  const [first, last] = [frames[0], frames.at(-1)];
+  if (frames.length < 2 || last.done <= first.done) return null;
+  return ((last.at - first.at) / 1000 / (last.done - first.done)) * (total - last.done);
+}
+
 export function moment(text) {
   return new Date(text).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
 }

@@ -150,10 +150,11 @@ async function refresh() {
 
 function requestOf(form) {
   const data = new FormData(form);
-  const magnification = data.get("magnification");
+  const settings = ["magnification", "temporal"].filter((name) => data.get(name))
+    .map((name) => [name, data.get(name)]);
   const range = data.get("range").trim();
   return {
-    settings: magnification ? { magnification } : {},
+    settings: Object.fromEntries(settings),
     input: {
       ...(range && { frames: range }),
       ...(data.get("input_layout") && { input_layout: data.get("input_layout") }),

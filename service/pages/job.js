@@ -1,7 +1,7 @@
 /** A job: how far it is, what came of it, and other forms of it. */
 
 import {
-  ask, bytes, duration, element, formName, jobName, moment, showLeave, stateOf, trying,
+  ask, bytes, duration, element, formName, jobName, moment, secondsLeft, showLeave, stateOf, trying,
 } from "./api.js";
 import { plotsOf, viewRows } from "./report.js";
 
@@ -36,7 +36,9 @@ async function refresh() {
 function showProgress(job) {
   const total = job.frames_total;
   place("bar").value = total ? job.frames_done / total : 0;
-  place("count").textContent = total ? `${job.frames_done} of ${total} frames` : "";
+  const left = job.state === "running" ? secondsLeft(paced, total) : null;
+  const said = left === null ? "" : `, ${duration(left)} left`;
+  place("count").textContent = total ? `${job.frames_done} of ${total} frames${said}` : "";
 }
 
 /** What was asked for, as text: of a form of export its values, one after the other. */
@@ -149,6 +151,17 @@ let source = null;
 let last = 0;
 let due = null;
 
+/** When the last frames of this attempt were done: enough for a steady pace, few enough to follow it. */
+const PACED = 20;
+let paced = [];
+
+function pace({ at, kind, data }) {
+  if (kind === "JobStarted") paced = [];
+  if (kind === "FrameFinished") {
+    paced = [...paced, { at: Date.parse(at), done: data.done }].slice(-PACED);
+  }
+}
+
 function follow() {
   source?.close();
   source = new EventSource(`${here}/events?after=${last}`);
@@ -156,6 +169,7 @@ function follow() {
     const said = JSON.parse(event.data);
     if (said.sequence <= last) return;
     last = said.sequence;
+    pace(said);
     place("log").prepend(element("tr", {},
       element("td", { class: "soft when" }, new Date(said.at).toLocaleTimeString()),
       element("td", {}, wordsOf(said))));

@@ -108,6 +108,7 @@ const MODES = { sbs: 0, tab: 1, anaglyph: 2, left: 3, right: 3, compare: 4 };
 export class StereoView {
   constructor(canvas) {
     this.canvas = canvas;
+    this.flat = document.createElement("canvas");
     this.options = { mode: "sbs", half: false, swap: false, wipe: 0.5, zoom: 1, eye: "left",
       centre: [0.5, 0.5] };
     this.tracks = null;
@@ -180,8 +181,21 @@ export class StereoView {
     for (const { texture } of rest) gl.deleteTexture(texture);
     const texture = spare?.texture ?? this.#texture();
     this.#bind(UNITS.indexOf(name), texture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, source);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, this.#pixelsOf(source));
     kept.unshift({ frame, texture });
+  }
+
+  /**
+   * The pixels of a picture, as a canvas. Taken straight from a decoder that pads its planes, the
+   * colour of the last row would be mixed with the padding, which is green.
+   */
+  #pixelsOf(source) {
+    const { flat } = this;
+    const width = source.displayWidth ?? source.videoWidth ?? source.naturalWidth;
+    const height = source.displayHeight ?? source.videoHeight ?? source.naturalHeight;
+    if (flat.width !== width || flat.height !== height) Object.assign(flat, { width, height });
+    flat.getContext("2d", { alpha: false }).drawImage(source, 0, 0);
+    return flat;
   }
 
   /** Let go of the pictures of a video. */

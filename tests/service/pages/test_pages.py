@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
+import io
 import json
 import time
 
+import av
 import httpx
 import numpy as np
 import pytest
@@ -153,6 +156,44 @@ def test_every_view_shows_what_it_says(chromium, live_service, job):
         assert np.abs(_pixels(page).astype(int) - anaglyph(left, right)).max() <= 2
 
 
+def _orange_clip(width, height):
+    """Return an MP4 of one colour."""
+    made = io.BytesIO()
+    with av.open(made, "w", format="mp4") as file:
+        stream = file.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        picture = np.full((height, width, 3), (230, 120, 40), np.uint8)
+        for _ in range(10):
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(picture)))
+        file.mux(stream.encode())
+    return made.getvalue()
+
+
+def test_what_a_decoder_pads_its_planes_with_is_not_drawn(chromium, live_service, job):
+    """Where no macroblock reaches beyond the picture, the padding has no colour that was coded."""
+    with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
+        _first_frame(page)
+        page.evaluate(
+            """async clip => {
+              const { view } = window.depthsrWatch, video = document.createElement("video");
+              const bytes = Uint8Array.from(atob(clip), (byte) => byte.charCodeAt(0));
+              video.src = URL.createObjectURL(new Blob([bytes], { type: "video/mp4" }));
+              const shown = new Promise((done) => video.requestVideoFrameCallback(done));
+              video.muted = true;
+              await video.play();
+              await shown;
+              view.describe({ result: { ...view.tracks.result, eye_height: 64 } }, view.sampling);
+              const frame = new VideoFrame(video);
+              view.take("result", frame, 0);
+              frame.close();
+            }""",
+            base64.b64encode(_orange_clip(192, 64)).decode(),
+        )
+        shown = _pixels(page).astype(int)
+    assert shown.shape == (64, 192, 3)
+    assert np.ptp(shown, axis=(0, 1)).max() <= 2
+
+
 def test_before_is_the_observed_picture_enlarged_bicubically(chromium, live_service, job):
     with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
         _first_frame(page)
@@ -166,15 +207,9 @@ def test_before_is_the_observed_picture_enlarged_bicubically(chromium, live_serv
             """() => {
               const video = window.depthsrWatch.videos.before;
               const { videoWidth: width, videoHeight: height } = video;
-              const gl = new OffscreenCanvas(1, 1).getContext("webgl2");
-              const texture = gl.createTexture();
-              gl.bindTexture(gl.TEXTURE_2D, texture);
-              gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, video);
-              gl.bindFramebuffer(gl.FRAMEBUFFER, gl.createFramebuffer());
-              gl.framebufferTexture2D(
-                gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
-              const data = new Uint8Array(4 * width * height);
-              gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, data);
+              const flat = new OffscreenCanvas(width, height).getContext("2d");
+              flat.drawImage(video, 0, 0);
+              const { data } = flat.getImageData(0, 0, width, height);
               return [width, height, Array.from(data)];
             }"""
         )
@@ -313,11 +348,31 @@ def test_a_video_is_read_as_the_form_says(chromium, live_service, tmp_path):
     with opened(chromium, live_service.url) as page:
         page.locator("summary").click()
         page.locator("[name=input_layout]").select_option("half-sbs")
+        page.locator("[name=temporal]").select_option("warm")
         page.locator("#files").set_input_files(str(video))
         page.wait_for_url("**/jobs/*")
         made = page.url.rpartition("/")[2]
     asked = httpx.get(f"{live_service.url}/api/v1/jobs/{made}", timeout=PATIENCE).json()["request"]
     assert asked["input"] == {"input_layout": "half-sbs"}
+    assert asked["settings"] == {"temporal": "warm"}
+
+
+def test_the_time_left_is_told_by_the_pace_of_the_last_frames(chromium, live_service, job):
+    with opened(chromium, f"{live_service.url}/jobs/{job}") as page:
+
+        def left(frames):
+            return page.evaluate(
+                "async (frames) => (await import('/static/api.js')).secondsLeft(frames, 24)",
+                [{"at": 1000 * at, "done": done} for at, done in frames],
+            )
+
+        assert left([]) is None
+        assert left([(60, 1)]) is None  # the first frame may have been compiled for
+        assert left([(60, 1), (61, 2), (64, 4)]) == pytest.approx(20 * 4 / 3)
+        assert left([(60, 23), (62, 24)]) == 0
+        _until(
+            page, f"document.getElementById('count').textContent === '{FRAMES} of {FRAMES} frames'"
+        )
 
 
 def test_the_page_of_a_failed_job_says_why(chromium, live_service):
