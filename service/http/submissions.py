@@ -28,7 +28,14 @@ from service.http.job_views import JobView, Reader, Submitter, view_of
 from service.http.problems import ProblemError, responses, wrong_fields
 from service.http.quota import check_queue, check_space, note_size
 from service.jobs.pictures import too_large
-from service.jobs.request import JobRequest, export_options, make_job, safe_name, without_layout
+from service.jobs.request import (
+    JobRequest,
+    export_options,
+    make_job,
+    plain_name,
+    safe_name,
+    without_layout,
+)
 from service.scheduler import job_folder
 from service.store import JobRecord, KeyReusedError
 
@@ -290,9 +297,7 @@ def _stem(asked: JobRequest, scene: Path, folder: Path) -> str:
         of_scene = found or "scene"
     else:
         of_scene = name_of_pair(of, of.parent.stem) or of.stem
-    name = without_layout(asked.name or of_scene)
-    kept = "".join(c if (c.isalnum() and c.isascii()) or c in "-_" else "-" for c in name)[:60]
-    return kept.strip("-") or "scene"
+    return plain_name(without_layout(asked.name or of_scene)) or "scene"
 
 
 @router.get(

@@ -10,6 +10,7 @@ import dataclasses
 import re
 import types
 import typing
+import unicodedata
 from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path, PurePosixPath
@@ -233,6 +234,19 @@ def layout_token(layout: str) -> str:
     """
     tokens = {"sbs": "_3D_SBS_LR", "half-sbs": "_3D_HSBS_LR", "tab": "_3D_TAB"}
     return (tokens | {"half-tab": "_3D_HTAB"}).get(layout, f"_{layout}")
+
+
+def plain_name(name: str) -> str:
+    """Return a name in letters, digits and hyphens that every file system and header takes.
+
+    Accents fall off.
+
+    >>> plain_name("Ürün 2"), plain_name("café/clip.mov"), plain_name("休日")
+    ('Urun-2', 'cafe-clip-mov', '')
+    """
+    letters = (c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))
+    kept = ("-" if not c.isascii() or not (c.isalnum() or c in "-_") else c for c in letters)
+    return "".join(kept)[:60].strip("-")
 
 
 def safe_name(name: str) -> str | None:

@@ -20,6 +20,7 @@ from service.jobs.request import (
     SettingsModel,
     file_name,
     make_job,
+    plain_name,
     safe_name,
     without_layout,
 )
@@ -123,6 +124,20 @@ def test_names_never_leave_their_folder(name):
 @pytest.mark.parametrize("name", ["a.png", "cam0/color-0000.png", "a b/ä.png"])
 def test_good_names_stay(name):
     assert safe_name(name) == name
+
+
+@given(st.text(max_size=100))
+def test_names_of_jobs_are_plain(name):
+    """What they become is a file's name and goes into a header; it is that already."""
+    plain = plain_name(name)
+    assert plain.isascii()
+    assert len(plain) <= 60
+    assert all(letter.isalnum() or letter in "-_" for letter in plain)
+    assert plain_name(plain) == plain
+
+
+def test_accents_fall_off_the_names_of_jobs():
+    assert plain_name("Ürün, café") == "Urun--cafe"
 
 
 def test_a_picture_that_says_it_is_huge_is_found_without_decoding(tmp_path):
