@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.rows import OPTIONS, mirror
-from pipeline.reconstruction.simd import LANES, PATCH, blur_of_eight, weigh_patches
+from pipeline.reconstruction.rows import LEAN, OPTIONS, mirror
+from pipeline.reconstruction.simd import LANES, PATCH, WIDE, blur_wide, weigh_patches
 
 ANGLES = 4
 """Directions that are told apart between 0° and 45°; the others are mirror images of these."""
@@ -66,7 +66,7 @@ def pad(image, lo, hi, side, lowest, highest, padded):
             line[k] = inner[mirror(k - side, width)]
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _reflected(index, size):
     """Return the index reflected about the outermost pixels, as often as need be."""
     if size == 1:
@@ -75,7 +75,7 @@ def _reflected(index, size):
     return index if index < size else 2 * size - 2 - index
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _reflect(line, width):
     """Write the ``REACH`` pixels before and behind the ``width`` of a line."""
     for k in range(1, REACH + 1):
@@ -110,15 +110,23 @@ def classify(padded, side, width, height, lo, hi, window, views, tells_views, ki
     kinds : (hi − lo, ≥ W) int16
         Overwritten.
     """
-    lines = 2 * REACH + 1
-    # the tensor's three numbers, rows smoothed along x; room for eights
-    length = width + 2 * REACH + LANES
-    ring = np.zeros((3, lines, length), np.float32)
-    flat = ring.reshape(-1)
-    products = np.zeros((3, length), np.float32)
-    rows = products.reshape(-1)
-    tensor = np.zeros((3, width + LANES), np.float32)
-    sums, steps = np.zeros(length, np.float32), np.zeros(length, np.float32)
+    length = width + 2 * REACH + WIDE
+    rooms = (
+        # the tensor's three numbers, rows smoothed along x; room for sixteens
+        np.zeros((3, 2 * REACH + 1, length), np.float32),
+        np.zeros((3, length), np.float32),
+        np.zeros((3, width + WIDE), np.float32),
+        np.zeros(length, np.float32),
+        np.zeros(length, np.float32),
+    )
+    _classify_rows(padded, side, width, height, lo, hi, window, views, tells_views, kinds, rooms)
+
+
+@njit(**LEAN)
+def _classify_rows(padded, side, width, height, lo, hi, window, views, tells_views, kinds, rooms):
+    ring, products, tensor, sums, steps = rooms
+    flat, rows = ring.reshape(-1), products.reshape(-1)
+    lines, length = ring.shape[1], ring.shape[2]
     taps = window[0], window[1], window[2], window[3], window[4]
     next_row = max(0, lo - REACH)
     for y in range(lo, hi):
@@ -133,9 +141,9 @@ def classify(padded, side, width, height, lo, hi, window, views, tells_views, ki
             for plane in range(3):
                 _reflect(products[plane], width)
                 first, to = plane * length, (plane * lines + v % lines) * length
-                for x in range(0, width, LANES):
+                for x in range(0, width, WIDE):
                     at = first + x
-                    blur_of_eight(
+                    blur_wide(
                         rows,
                         (at + 4, at + 3, at + 5, at + 2, at + 6, at + 1, at + 7, at, at + 8),
                         taps, flat, to + x,
@@ -150,9 +158,9 @@ def classify(padded, side, width, height, lo, hi, window, views, tells_views, ki
             _reflected(y + 2, height) % lines * length, _reflected(y + 1, height) % lines * length,
         )  # fmt: skip
         for plane in range(3):
-            for x in range(0, width, LANES):
+            for x in range(0, width, WIDE):
                 at = plane * lines * length + x
-                blur_of_eight(
+                blur_wide(
                     flat,
                     (
                         at + y % lines * length, at + a1, at + b1, at + a2, at + b2, at + a3,
@@ -163,7 +171,7 @@ def classify(padded, side, width, height, lo, hi, window, views, tells_views, ki
         _find_kinds(tensor, views[y], tells_views, kinds[y - lo, :width])
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _differ(above, own, below, width, sums, steps, products):
     """Write the products of a row's differences along x and y, an eighth of Sobel's.
 
@@ -192,7 +200,7 @@ def _differ(above, own, below, width, sums, steps, products):
         yy[x] = down * down
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _find_kinds(tensor, views, tells_views, kinds):
     """Write the kinds of a row, see :func:`classify`."""
     loads = np.int32(1 + len(_LOADS) * tells_views)

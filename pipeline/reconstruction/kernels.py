@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.rows import OPTIONS, copy_row, mirror
+from pipeline.reconstruction.rows import LEAN, OPTIONS, copy_row, mirror
 from pipeline.reconstruction.simd import (
     CELL,
     LANES,
@@ -63,7 +63,7 @@ def landing_rows(position_y, weight, height, first, last):
             first[row, stretch], last[row, stretch] = low, high
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _spline(t):
     """Return the three taps of a quadratic B-spline at an offset from the middle one."""
     half = np.float32(0.5)
@@ -116,7 +116,7 @@ def gather_observations(
                     add_nine(cells, places[k], stride, taps, k)
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _weigh_taps(
     position_x, position_y, observed, weight, level, lo, hi, height, width, places, taps
 ):
@@ -217,7 +217,7 @@ def pass_on(cells, rows, width):
     cells[2 * size :] = 0
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _largest(cells, row, width):
     """Return the largest coupling of a pixel with itself in a row of cells."""
     line = cells[(row * (width + 2) + 1) * CELL :]
@@ -372,7 +372,7 @@ def sample_spline(coefficients, position_x, position_y, row_lo, row_hi, out):
                 seen[k] = line[k] if places[k] > 0 else nothing
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _spline_taps(position_x, position_y, height, width, pitch, places, taps):
     """Write of what coefficients the samples of a stretch are made, see :func:`sample_spline`.
 
@@ -438,7 +438,7 @@ def filter_phases(image, along_x, along_y, lo, hi, out):
                     target[x * phases_x + phase_x] = line[x]
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _add_scaled(row, factor, out):
     for x in range(out.size):
         out[x] += factor * row[x]

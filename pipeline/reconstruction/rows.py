@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.simd import LANES, blur_of_eight
+from pipeline.reconstruction.simd import WIDE, blur_wide
 
 OPTIONS = {
     "nogil": True,
@@ -36,10 +36,10 @@ def _four(flat, places, taps, size, out):
     """Write a row weighted by the middle tap and the three beside it."""
     middle, a1, b1, a2, b2, a3, b3 = places
     four = taps[0], taps[1], taps[2], taps[3]
-    whole = size - size % LANES
-    for x in range(0, whole, LANES):
+    whole = size - size % WIDE
+    for x in range(0, whole, WIDE):
         at = middle + x, a1 + x, b1 + x, a2 + x, b2 + x, a3 + x, b3 + x
-        blur_of_eight(flat, at, four, out, x)
+        blur_wide(flat, at, four, out, x)
     for x in range(whole, size):
         out[x] = (
             four[0] * flat[middle + x]

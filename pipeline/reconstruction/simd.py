@@ -15,6 +15,9 @@ from numba.extending import intrinsic
 LANES = 8
 """Pixels worked on together."""
 
+WIDE = 16
+"""The same where all is arithmetic, for processors that have such vectors."""
+
 CELL = 16
 """Numbers kept for each HR pixel while observations are gathered, see :func:`add_nine`."""
 
@@ -269,10 +272,10 @@ def planes_of_eight(typing_context, cells, at, inverse, planes, to, plane, value
 
 
 @intrinsic
-def stencil_eight(
+def stencil_wide(
     typing_context, couplings, at, plane, pitch, s0, s1, s2, image, g0, g1, g2, g3, g4, out, to
 ):
-    """Write the symmetric 5 × 5 stencil at eight pixels of a row.
+    """Write the symmetric 5 × 5 stencil at sixteen pixels of a row.
 
     Parameters
     ----------
@@ -294,7 +297,7 @@ def stencil_eight(
     )  # fmt: skip
 
     def generate(context, builder, signature, arguments):
-        eight = _Vectors(builder)
+        wide = _Vectors(builder, WIDE)
         planes, pixels, result = (
             _data(context, builder, signature, arguments, number) for number in (0, 7, 13)
         )
@@ -304,39 +307,39 @@ def stencil_eight(
         def coupling(number: int, up: int, dx: int):
             where = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
             where = builder.sub(where, builder.mul(pitch, ir.Constant(pitch.type, up)))
-            return eight.load_shorts(planes, where, dx)
+            return wide.load_shorts(planes, where, dx)
 
         def pixel(row: int, dx: int):
-            return eight.load(pixels, rows[row], dx)
+            return wide.load(pixels, rows[row], dx)
 
-        own = eight.times(coupling(0, 0, 0), pixel(2, 0))
-        below, above, far = eight.zeros, eight.zeros, eight.zeros
+        own = wide.times(coupling(0, 0, 0), pixel(2, 0))
+        below, above, far = wide.zeros, wide.zeros, wide.zeros
         for d in (1, 2):
-            own = eight.add(own, eight.times(coupling(d, 0, 0), pixel(2, d)))
-            below = eight.add(below, eight.times(coupling(d, 0, -d), pixel(2, -d)))
+            own = wide.add(own, wide.times(coupling(d, 0, 0), pixel(2, d)))
+            below = wide.add(below, wide.times(coupling(d, 0, -d), pixel(2, -d)))
         for d in range(-2, 3):
-            own = eight.add(own, eight.times(coupling(5 + d, 0, 0), pixel(3, d)))
-            below = eight.add(below, eight.times(coupling(10 + d, 0, 0), pixel(4, d)))
-            above = eight.add(above, eight.times(coupling(5 + d, 1, -d), pixel(1, -d)))
-            far = eight.add(far, eight.times(coupling(10 + d, 2, -d), pixel(0, -d)))
-        total = eight.times(eight.add(own, below), eight.spread(units[0]))
-        total = eight.add(total, eight.times(above, eight.spread(units[1])))
-        total = eight.add(total, eight.times(far, eight.spread(units[2])))
-        eight.store(total, result, to)
+            own = wide.add(own, wide.times(coupling(5 + d, 0, 0), pixel(3, d)))
+            below = wide.add(below, wide.times(coupling(10 + d, 0, 0), pixel(4, d)))
+            above = wide.add(above, wide.times(coupling(5 + d, 1, -d), pixel(1, -d)))
+            far = wide.add(far, wide.times(coupling(10 + d, 2, -d), pixel(0, -d)))
+        total = wide.times(wide.add(own, below), wide.spread(units[0]))
+        total = wide.add(total, wide.times(above, wide.spread(units[1])))
+        total = wide.add(total, wide.times(far, wide.spread(units[2])))
+        wide.store(total, result, to)
         return context.get_dummy_value()
 
     return signature, generate
 
 
 @intrinsic
-def blur_of_eight(typing_context, image, places, taps, out, to):
-    """Write eight sums of pixels, each pair of them times its tap.
+def blur_wide(typing_context, image, places, taps, out, to):
+    """Write sixteen sums of pixels, each pair of them times its tap.
 
     Parameters
     ----------
     image : float32 array
     places : tuple of intp
-        Of the first of eight pixels, each: the middle ones, then pair by pair.
+        Of the first of sixteen pixels, each: the middle ones, then pair by pair.
     taps : tuple of float32
         Of the middle ones, then of each pair.
     out, to : float32 array, intp
@@ -345,20 +348,20 @@ def blur_of_eight(typing_context, image, places, taps, out, to):
     signature = types.void(image, places, taps, out, types.intp)
 
     def generate(context, builder, signature, arguments):
-        eight = _Vectors(builder)
+        wide = _Vectors(builder, WIDE)
         pixels, result = (_data(context, builder, signature, arguments, n) for n in (0, 3))
         parts = [
-            eight.load(pixels, builder.extract_value(arguments[1], n)) for n in range(len(places))
+            wide.load(pixels, builder.extract_value(arguments[1], n)) for n in range(len(places))
         ]
         sums = [
             parts[0],
-            *(eight.add(*pair) for pair in zip(parts[1::2], parts[2::2], strict=True)),
+            *(wide.add(*pair) for pair in zip(parts[1::2], parts[2::2], strict=True)),
         ]
-        total = eight.zeros
+        total = wide.zeros
         for number, part in enumerate(sums):
-            tap = eight.spread(builder.extract_value(arguments[2], number))
-            total = eight.add(total, eight.times(part, tap))
-        eight.store(total, result, arguments[4])
+            tap = wide.spread(builder.extract_value(arguments[2], number))
+            total = wide.add(total, wide.times(part, tap))
+        wide.store(total, result, arguments[4])
         return context.get_dummy_value()
 
     return signature, generate
@@ -369,11 +372,11 @@ _NEIGHBOURS = ((0, 0, 1), (1, 1, -1), (2, 1, 0), (3, 1, 1))
 
 
 @intrinsic
-def pull_of_eight(
+def pull_wide(
     typing_context, weights, at, plane, pitch, image, up, row, down, strength, share, least,
     residual, softness, to,
 ):  # fmt: skip
-    """Take the prior's pull off the residual of eight pixels, and write their softness.
+    """Take the prior's pull off the residual of sixteen pixels, and write their softness.
 
     The pull is ``strength`` times the weighted graph Laplacian, diagonals counting half; the
     softness is 1 / (share · its diagonal + least).
@@ -396,7 +399,7 @@ def pull_of_eight(
     )  # fmt: skip
 
     def generate(context, builder, signature, arguments):
-        eight = _Vectors(builder)
+        wide = _Vectors(builder, WIDE)
         planes, pixels, target, soft = (
             _data(context, builder, signature, arguments, number) for number in (0, 4, 11, 12)
         )
@@ -404,8 +407,8 @@ def pull_of_eight(
         above, row, below = arguments[5:8]
         strength, share, least = arguments[8:11]
         to = arguments[13]
-        centre = eight.load(pixels, row)
-        pulls, sums = [eight.zeros, eight.zeros], [eight.zeros, eight.zeros]
+        centre = wide.load(pixels, row)
+        pulls, sums = [wide.zeros, wide.zeros], [wide.zeros, wide.zeros]
         for number, down, dx in _NEIGHBOURS:
             kind = number % 2
             own = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
@@ -413,51 +416,150 @@ def pull_of_eight(
             for where, shift, start, sign in (
                 (own, 0, below if down else row, 1), (back, -dx, above if down else row, -1),
             ):  # fmt: skip
-                weight = eight.load_shorts(planes, where, shift)
-                away = eight.subtract(centre, eight.load(pixels, start, sign * dx))
-                pulls[kind] = eight.add(pulls[kind], eight.times(weight, away))
-                sums[kind] = eight.add(sums[kind], weight)
-        half = eight.halves
+                weight = wide.load_shorts(planes, where, shift)
+                away = wide.subtract(centre, wide.load(pixels, start, sign * dx))
+                pulls[kind] = wide.add(pulls[kind], wide.times(weight, away))
+                sums[kind] = wide.add(sums[kind], weight)
+        half = wide.halves
         pull, total = (
-            eight.times(eight.add(straight, eight.times(diagonal, half)), eight.spread(strength))
+            wide.times(wide.add(straight, wide.times(diagonal, half)), wide.spread(strength))
             for straight, diagonal in (pulls, sums)
         )
-        eight.store(eight.subtract(eight.load(target, to), pull), target, to)
-        stiff = eight.add(eight.times(total, eight.spread(share)), eight.spread(least))
-        ones = eight.ones
-        eight.store(builder.fdiv(ones, stiff, flags=eight.flags), soft, to)
+        wide.store(wide.subtract(wide.load(target, to), pull), target, to)
+        stiff = wide.add(wide.times(total, wide.spread(share)), wide.spread(least))
+        ones = wide.ones
+        wide.store(builder.fdiv(ones, stiff, flags=wide.flags), soft, to)
         return context.get_dummy_value()
 
     return signature, generate
 
 
 @intrinsic
-def bend_of_eight(typing_context, weights, at, plane, image, row, down, out, to):
-    """Write the weighted squares of what eight pixels differ by from those ahead of them.
+def bend_wide(typing_context, weights, at, plane, image, row, down, out, to):
+    """Write the weighted squares of what sixteen pixels differ by from those ahead of them.
 
-    Diagonals count half; arguments as of :func:`pull_of_eight`.
+    Diagonals count half; arguments as of :func:`pull_wide`.
     """
     signature = types.void(
         weights, types.intp, types.intp, image, types.intp, types.intp, out, types.intp
     )
 
     def generate(context, builder, signature, arguments):
-        eight = _Vectors(builder)
+        wide = _Vectors(builder, WIDE)
         planes, pixels, result = (
             _data(context, builder, signature, arguments, number) for number in (0, 3, 6)
         )
         first, plane = arguments[1:3]
         row, below, to = arguments[4], arguments[5], arguments[7]
-        centre = eight.load(pixels, row)
-        sums = [eight.zeros, eight.zeros]
+        centre = wide.load(pixels, row)
+        sums = [wide.zeros, wide.zeros]
         for number, down, dx in _NEIGHBOURS:
             kind = number % 2
             where = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
-            away = eight.subtract(centre, eight.load(pixels, below if down else row, dx))
-            square = eight.times(eight.times(away, away), eight.load_shorts(planes, where))
-            sums[kind] = eight.add(sums[kind], square)
-        half = eight.halves
-        eight.store(eight.add(sums[0], eight.times(sums[1], half)), result, to)
+            away = wide.subtract(centre, wide.load(pixels, below if down else row, dx))
+            square = wide.times(wide.times(away, away), wide.load_shorts(planes, where))
+            sums[kind] = wide.add(sums[kind], square)
+        half = wide.halves
+        wide.store(wide.add(sums[0], wide.times(sums[1], half)), result, to)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def three_wide(typing_context, image, above, own, below, out, to):
+    """Write above + 2 · own + below at sixteen pixels.
+
+    Parameters
+    ----------
+    image : float32 array
+    above, own, below : intp
+        Of the first pixel.
+    out, to : float32 array, intp
+        Where the result goes.
+    """
+    signature = types.void(image, types.intp, types.intp, types.intp, out, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        wide = _Vectors(builder, WIDE)
+        pixels, result = (_data(context, builder, signature, arguments, n) for n in (0, 4))
+        above, own, below = (wide.load(pixels, place) for place in arguments[1:4])
+        total = wide.add(wide.add(above, wide.times(wide.constant(2.0), own)), below)
+        wide.store(total, result, arguments[5])
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def shares_wide(typing_context, sums, at, pitch, square, least, floor, strengths, out, to, plane):
+    """Write m (s / (t + l) + f) at sixteen pixels of four planes, t weighted 1 2 1 along the row.
+
+    One division serves all four.
+
+    Parameters
+    ----------
+    sums : float32 array
+    at, pitch : intp
+        Of the first of sixteen pixels and two more; from plane to plane.
+    square, least, floor : float32
+        s, l, f.
+    strengths : float32 array
+        m, of which the sixteen from its element ``at`` on are taken.
+    out, to, plane : float32 array, intp, intp
+        Where the result of plane 0 goes; from plane to plane.
+    """
+    signature = types.void(
+        sums, types.intp, types.intp, *(types.float32,) * 3, strengths, out, types.intp,
+        types.intp,
+    )  # fmt: skip
+
+    def generate(context, builder, signature, arguments):
+        wide = _Vectors(builder, WIDE)
+        values, strong, result = (
+            _data(context, builder, signature, arguments, n) for n in (0, 6, 7)
+        )
+        at, pitch, to, plane = arguments[1], arguments[2], arguments[8], arguments[9]
+        square, least, floor = (wide.spread(number) for number in arguments[3:6])
+        totals, where = [], at
+        for _ in range(4):
+            first, middle, last = (wide.load(values, where, dx) for dx in range(3))
+            total = wide.add(wide.add(first, wide.times(wide.constant(2.0), middle)), last)
+            totals.append(wide.add(total, least))
+            where = builder.add(where, pitch)
+        pairs = [wide.times(totals[0], totals[1]), wide.times(totals[2], totals[3])]
+        inverse = builder.fdiv(square, wide.times(*pairs), flags=wide.flags)
+        of_pairs = [wide.times(inverse, pairs[1]), wide.times(inverse, pairs[0])]
+        strength, where = wide.load(strong, at), to
+        for number in range(4):
+            share = wide.times(of_pairs[number // 2], totals[number ^ 1])
+            wide.store(wide.times(strength, wide.add(share, floor)), result, where)
+            where = builder.add(where, plane)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def round_wide(typing_context, sums, at, out, to):
+    """Write sixteen sums of numbers, weighted 1 2 1 along the row, rounded to 16 bits.
+
+    Parameters
+    ----------
+    sums, at : float32 array, intp
+        Of the first of sixteen numbers and two more.
+    out, to : uint16 array, intp
+    """
+    signature = types.void(sums, types.intp, out, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        wide = _Vectors(builder, WIDE)
+        values, result = (_data(context, builder, signature, arguments, n) for n in (0, 2))
+        first, middle, last = (wide.load(values, arguments[1], dx) for dx in range(3))
+        total = wide.add(wide.add(first, wide.times(wide.constant(2.0), middle)), last)
+        whole = builder.fptosi(wide.add(total, wide.halves), wide.words)
+        where = wide.place(result, arguments[3], kind=wide.shorts)
+        builder.store(builder.trunc(whole, wide.shorts), where, align=2)
         return context.get_dummy_value()
 
     return signature, generate

@@ -21,17 +21,27 @@ from pipeline.reconstruction.rows import (
     sum_row,
 )
 from pipeline.reconstruction.simd import (
-    LANES,
-    bend_of_eight,
-    pull_of_eight,
-    stencil_eight,
+    WIDE,
+    bend_wide,
+    pull_wide,
+    round_wide,
+    shares_wide,
+    stencil_wide,
+    three_wide,
 )
 
 PAD = 2
 """Pixels before the first one of a row, and rows before the first row, of padded arrays."""
 
-TAIL = 10
-"""Numbers behind the last pixel of a row of a padded array, for loops by eights."""
+TAIL = 18
+"""Numbers behind the last pixel of a row of a padded array, for loops by sixteens."""
+
+STRIP = 256
+"""Columns for which the prior is weighed at once, about: the rows that are kept on the way then lie
+in the first cache."""
+
+BESIDE = 3
+"""Columns on each side of a pixel that its weights of the prior are told by."""
 
 TOP = 65000.0
 """Weight of the prior between two pixels that are alike, in units of which sixteen bits hold it."""
@@ -49,9 +59,9 @@ def _stencil(couplings, units, v, ring, above2, above, own, below, below2, width
         ring.shape[1],
     )
     first = (v + PAD) * pitch + PAD
-    for x in range(0, width, LANES):
+    for x in range(0, width, WIDE):
         at = PAD + x
-        stencil_eight(
+        stencil_wide(
             couplings, first + x, plane, pitch, units[v + 2], units[v + 1], units[v], ring,
             above2 * length + at, above * length + at, own * length + at,
             below * length + at, below2 * length + at, out, x,
@@ -191,8 +201,8 @@ def _turn_and_apply(
         if direction.size > 0:
             copy_row(own, direction[y])
         first = (y + 1) * pitch + 1
-        for x in range(0, width, LANES):
-            bend_of_eight(
+        for x in range(0, width, WIDE):
+            bend_wide(
                 prior, first + x, plane, around, y % 2 * length + 1 + x, below * length + 1 + x,
                 line, x,
             )  # fmt: skip
@@ -300,9 +310,9 @@ def _look_and_sharpen(
                 if lo <= u < hi:
                     copy_row(around[u % 3, 1 : 1 + width], estimate_after[u])
                     copy_row(row[:width], residual_after[u])
-                for x in range(0, width, LANES):
+                for x in range(0, width, WIDE):
                     at = 1 + x
-                    pull_of_eight(
+                    pull_wide(
                         prior, (u + 1) * pitch + at, plane, pitch, around,
                         above * length + at, u % 3 * length + at, below * length + at,
                         lam, share, least, gradient, softness, u % lines * size + x,
@@ -357,9 +367,9 @@ def _add_prior(image, prior, strength, lo, hi, out, around, line):
         above = (y - 1) % 3 if y > 0 else 3
         below = (y + 1) % 3 if y + 1 < height else 3
         copy_row(out[y], line[0])
-        for x in range(0, width, LANES):
+        for x in range(0, width, WIDE):
             at = 1 + x
-            pull_of_eight(
+            pull_wide(
                 prior, (y + 1) * pitch + at, plane, pitch, around, above * length + at,
                 y % 3 * length + at, below * length + at, np.float32(-strength), nothing,
                 np.float32(1.0), line[0], line[1], x,
@@ -383,8 +393,8 @@ def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
     estimate, direction : (KH, KW) float32
     scale : float
         Root mean square of the differences below which the prior is quadratic, grey levels.
-    local : (KH, KW + 2) float32
-        Local strength, 0..1, padded by one at both sides.
+    local : (KH, KW + 1 + TAIL) float32
+        Local strength, 0..1, padded by one in front.
     prior : (4, KH + 1, ≥ KW + 1 + TAIL) uint16
         See :func:`look_and_sharpen`.
 
@@ -394,55 +404,82 @@ def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
     concave in d²: a step down the quadratic of these weights is one down this sum.
     """
     width = estimate.shape[1]
-    _weigh_prior(
-        step, estimate, direction, scale, local, lo, hi, prior,
-        np.zeros((2, width), np.float32), np.zeros((3, 4, width + 4), np.float32),
-        np.zeros((3, 4, width + 2), np.float32), np.empty(width + 4, np.float32),
-    )  # fmt: skip
+    strips = max(1, (width + STRIP // 2) // STRIP)
+    widest = min(width, width // strips + WIDE + 2 * BESIDE)
+    # whole vectors: rows of all planes are added up in one go
+    length = (PAD + widest + TAIL + WIDE - 1) // WIDE * WIDE
+    rooms = (
+        np.zeros((2, widest), np.float32),
+        np.zeros((3, 4, length), np.float32),
+        np.zeros((3, 4, length), np.float32),
+        np.zeros((4, length), np.float32),
+    )
+    left = 0
+    for strip in range(1, strips + 1):
+        right = width if strip == strips else strip * width // strips // WIDE * WIDE
+        _weigh_strip(step, estimate, direction, scale, local, lo, hi, left, right, prior, rooms)
+        left = right
 
 
 @njit(**LEAN)
-def _weigh_prior(
-    step, estimate, direction, scale, local, lo, hi, prior, around, squares, shares, line
-):
-    height, width = estimate.shape
+def _weigh_strip(step, estimate, direction, scale, local, lo, hi, left, right, prior, rooms):
+    around, squares, shares, sums = rooms
+    squares[:] = 0
+    height = estimate.shape[0]
+    # what is read, and where what is wanted begins in it
+    a, b = max(0, left - BESIDE), min(estimate.shape[1], right + BESIDE)
+    width, start, wanted = b - a, left - a, right - left
+    length = sums.shape[1]
+    of_row = 4 * length
+    all_squares, all_shares, all_sums = squares.reshape(-1), shares.reshape(-1), sums.reshape(-1)
+    plane, pitch, weights = prior.shape[1] * prior.shape[2], prior.shape[2], prior.reshape(-1)
     s = np.float32(step)
     square, floor = np.float32((1 - FLOOR) * TOP * scale**2), np.float32(FLOOR * TOP / 16)
     least = np.float32(16.0 * scale**2)
     next_row = max(lo - 2, 0)
     next_share = lo - 1
-    _combine(estimate[next_row], s, direction[next_row], around[next_row % 2])
+    _combine(estimate[next_row, a:b], s, direction[next_row, a:b], around[next_row % 2])
     for y in range(lo, hi):
         while next_share < y + 2:
             while next_row < min(next_share + 2, height):
                 below = next_row + 1
                 if below < height:
-                    _combine(estimate[below], s, direction[below], around[below % 2])
+                    _combine(estimate[below, a:b], s, direction[below, a:b], around[below % 2])
                 _squares(
-                    around[next_row % 2], around[below % 2], below < height, squares[next_row % 3]
+                    around[next_row % 2, :width], around[below % 2, :width], below < height,
+                    squares[next_row % 3],
                 )  # fmt: skip
                 next_row += 1
             if next_share + 1 >= height:
                 squares[(next_share + 1) % 3] = 0
-            strengths = local[min(max(next_share, 0), height - 1)]
-            for plane in range(4):
-                _add_three(
-                    squares[(next_share - 1) % 3, plane], squares[next_share % 3, plane],
-                    squares[(next_share + 1) % 3, plane], line,
+            _add_rows(all_squares, next_share, of_row, of_row, all_sums)
+            strengths = local[min(max(next_share, 0), height - 1), a:]
+            for x in range(0, width + 2, WIDE):
+                shares_wide(
+                    all_sums, x, length, square, least, floor, strengths, all_shares,
+                    next_share % 3 * of_row + x, length,
                 )  # fmt: skip
-                _share(line, square, least, floor, strengths, shares[next_share % 3, plane])
             next_share += 1
-        for plane in range(4):
-            if plane > 0 and y + 1 == height:
-                continue
-            _add_three(
-                shares[(y - 1) % 3, plane], shares[y % 3, plane], shares[(y + 1) % 3, plane],
-                line[: width + 2],
-            )  # fmt: skip
-            _round_three(line, prior[plane, y + 1, 1 : 1 + width])
-        prior[0, y + 1, width] = 0
-        prior[1, y + 1, 1] = 0
-        prior[3, y + 1, width] = 0
+        planes = 1 if y + 1 == height else 4
+        _add_rows(all_shares, y, of_row, planes * length, all_sums)
+        for number in range(planes):
+            to = number * plane + (y + 1) * pitch + 1 + left
+            for x in range(0, wanted, WIDE):
+                round_wide(all_sums, number * length + start + x, weights, to + x)
+        if right == estimate.shape[1]:
+            prior[:, y + 1, 1 + right :] = 0
+            prior[0, y + 1, right] = 0
+            prior[3, y + 1, right] = 0
+        if left == 0:
+            prior[1, y + 1, 1] = 0
+
+
+@njit(**LEAN)
+def _add_rows(ring, row, size, count, out):
+    """Write so many numbers of a row and of those above and below, weighted 1 2 1, from a ring."""
+    above, own, below = (row - 1) % 3 * size, row % 3 * size, (row + 1) % 3 * size
+    for x in range(0, count, WIDE):
+        three_wide(ring, above + x, own + x, below + x, out, x)
 
 
 @njit(**LEAN)
@@ -466,37 +503,13 @@ def _square(first, second, out):
 
 
 @njit(**LEAN)
-def _add_three(above, own, below, out):
-    two = np.float32(2.0)
-    for x in range(out.size):
-        out[x] = above[x] + two * own[x] + below[x]
-
-
-@njit(**LEAN)
-def _share(line, square, least, floor, strengths, out):
-    two = np.float32(2.0)
-    middle, after = line[1:], line[2:]
-    for x in range(out.size):
-        share = square / (line[x] + two * middle[x] + after[x] + least) + floor
-        out[x] = strengths[x] * share
-
-
-@njit(**LEAN)
-def _round_three(line, out):
-    two, half = np.float32(2.0), np.float32(0.5)
-    middle, after = line[1:], line[2:]
-    for x in range(out.size):
-        out[x] = np.uint16(np.int32(line[x] + two * middle[x] + after[x] + half))
-
-
-@njit(**LEAN)
-def advance(step, direction, level, lo, hi, estimate):
-    """Add step · direction and the level to rows of the estimate, in place."""
+def advance(step, direction, level, lo, hi, estimate, out):
+    """Write rows of the estimate plus step · direction and the level; ``out`` may be the same."""
     s, more = np.float32(step), np.float32(level)
     for y in range(lo, hi):
-        along, image = direction[y], estimate[y]
+        along, image, result = direction[y], estimate[y], out[y]
         for x in range(along.size):
-            image[x] += s * along[x] + more
+            result[x] = image[x] + (s * along[x] + more)
 
 
 @njit(**OPTIONS)

@@ -109,7 +109,7 @@ class NormalEquations:
         self.shape = shape
         self._level = np.float32(level)
         local = np.ones(shape, np.float32) if local is None else local
-        self._local = cv2.copyMakeBorder(local, 0, 0, 1, 1, cv2.BORDER_REPLICATE)
+        self._local = cv2.copyMakeBorder(local, 0, 0, 1, TAIL, cv2.BORDER_REPLICATE)
         self._along, self._sharpening = _halves(taps), _halves(sharpening)
         height, width = shape
         self._regular = False
@@ -128,6 +128,8 @@ class NormalEquations:
         All are (H, W) float32, x and y in HR pixels. M is kept in 16 bits a coupling,
         relative to the largest one in its row.
         """
+        # values may be read-only: always so, for one compilation
+        observations = [(x, y, _frozen_view(v), weight) for x, y, v, weight in observations]
         height, width = self.shape
         shape = (kernels.NUM_COUPLINGS, height + 2 * PAD, PAD + width + TAIL)
         if self._couplings.shape != shape:
@@ -199,7 +201,7 @@ class NormalEquations:
 
     def edge_weights(self, estimate: HrImage, scale: float) -> npt.NDArray[np.uint16]:
         """Return the prior's weights at an estimate, see :func:`sweeps.weigh_prior`."""
-        weights = self._no_weights()
+        weights = self._room_for_weights()
         map_threads(
             lambda band: sweeps.weigh_prior(
                 0.0, estimate, estimate, scale, self._local, *band, weights
@@ -253,7 +255,7 @@ class NormalEquations:
         next_image, next_residual, next_direction = others
         np.subtract(estimate, self._level, out=image)
         direction[:] = 0
-        prior = self._no_weights()
+        prior = self._room_for_weights()
         unit = _unit(strength, scale)
         self._turn(image, 0.0, image, prior, 0.0, NOTHING, residual, self._rhs)
         first = None
@@ -275,7 +277,7 @@ class NormalEquations:
             factor = energy / previous if done else 0.0
             if stretch is not None and 0 < done == steps - 1:
                 step = stretch * taken
-                self._advance(step, sharpened, np.float32(0), image)
+                self._advance(step, sharpened, np.float32(0), image, image)
                 step *= factor
                 done += 1
                 break
@@ -290,13 +292,17 @@ class NormalEquations:
             held += 1
             done += 1
         self.steps += done
-        out = image.copy()
-        self._advance(step, direction, self._level, out)
+        out = np.empty(self.shape, np.float32)
+        self._advance(step, direction, self._level, image, out)
         return out
 
-    def _advance(self, step: float, direction: HrImage, level: np.float32, image: HrImage) -> None:
-        """Add a step along a direction and a level to an image, in place."""
-        map_threads(lambda band: sweeps.advance(step, direction, level, *band, image), self._bands)
+    def _advance(
+        self, step: float, direction: HrImage, level: np.float32, image: HrImage, out: HrImage
+    ) -> None:
+        """Write an image with a step along a direction and a level added; it may be the same."""
+        map_threads(
+            lambda band: sweeps.advance(step, direction, level, *band, image, out), self._bands
+        )
 
     def _rooms(self) -> list[HrImage]:
         """Return arrays to work in, of whatever they held."""
@@ -304,9 +310,14 @@ class NormalEquations:
             self._scratch = [np.empty(self.shape, np.float32) for _ in range(8)]
         return self._scratch
 
-    def _no_weights(self) -> npt.NDArray[np.uint16]:
+    def _room_for_weights(self) -> npt.NDArray[np.uint16]:
+        """Return an array for the prior's weights, zero only where none will be written."""
         height, width = self.shape
-        return np.zeros((4, height + 1, 1 + width + TAIL), np.uint16)
+        weights = np.empty((4, height + 1, 1 + width + TAIL), np.uint16)
+        weights[:, 0] = 0
+        weights[:, :, 0] = 0
+        weights[1:, height] = 0
+        return weights
 
     def _turn(
         self, sharpened: HrImage, factor: float, before: HrImage, prior: npt.NDArray[np.uint16],
@@ -381,6 +392,13 @@ def _weighs_anew(held: int, hold: int, left: int, is_stretched: bool) -> bool:
 def _unit(strength: float, scale: float) -> float:
     """Return λ in units of the prior's weights."""
     return strength / (scale * sweeps.TOP)
+
+
+def _frozen_view(image: HrImage) -> HrImage:
+    """Return an array that is read-only, of the same memory."""
+    view = image.view()
+    view.flags.writeable = False
+    return view
 
 
 def _landing_rows(
