@@ -2,7 +2,8 @@
 
 A sweep lets rows stream through blur, stencil, blur and prior while they are in the
 processor's cache: each array is read or written once. A band computes the rows that it needs
-of its neighbours anew, so that bands may run side by side, and no sum depends on how many do.
+of its neighbours anew, so that bands may run side by side, and no sum depends on how many do; what
+it changes it changes in place, and reads of its neighbours what was set aside before.
 What makes the rings for it, and what works in them, are functions of their own.
 """
 
@@ -96,15 +97,17 @@ def _regular_along_y(down, ring, v, width, out):
 
 @njit(**OPTIONS)
 def turn_and_apply(
-    sharpened, factor, before, taps_x, taps_y, regular, across, down, couplings, units, rhs,
-    prior, strength, lo, hi, direction, out,
+    sharpened, factor, direction, beyond, taps_x, taps_y, regular, across, down, couplings, units,
+    rhs, prior, strength, lo, hi, writes, out,
 ):  # fmt: skip
     """Write the next conjugate direction p, and Bᵀ M B p, into rows ``lo`` to ``hi``.
 
     Parameters
     ----------
-    sharpened, before : (KH, KW) float32
-        p is ``sharpened`` + ``factor`` · ``before``; a factor of zero does not read ``before``.
+    sharpened, direction : (KH, KW) float32
+        p is ``sharpened`` + ``factor`` · ``direction``; a factor of zero does not read it.
+    beyond : (above, below)
+        Rows of ``direction`` before ``lo`` and from ``hi`` on, see ``system.rows_beyond``.
     taps_x, taps_y : float32
         Half taps of B.
     regular : bool
@@ -122,8 +125,8 @@ def turn_and_apply(
         Weights of the prior, see :func:`look_and_sharpen`.
     strength : float
         λ, in units of the prior.
-    direction : (KH, KW) float32
-        p; not written where it is empty.
+    writes : bool
+        Whether p takes the place of ``direction``.
     out : (KH, KW) float32
 
     Returns
@@ -134,8 +137,8 @@ def turn_and_apply(
     width, reach = sharpened.shape[1], taps_y.size - 1
     lines = 2 * reach + 1
     return _turn_and_apply(
-        sharpened, factor, before, taps_x, taps_y, regular, across, down, couplings, units, rhs,
-        prior, strength, lo, hi, direction, out,
+        sharpened, factor, direction, beyond, taps_x, taps_y, regular, across, down, couplings,
+        units, rhs, prior, strength, lo, hi, writes, out,
         np.empty((lines, width), np.float32), np.empty((lines, width), np.float32),
         # the last of these lines stays zero: what lies outside the image
         np.zeros((6, PAD + width + TAIL), np.float32), np.zeros((3, 1 + width + TAIL), np.float32),
@@ -145,8 +148,8 @@ def turn_and_apply(
 
 @njit(**LEAN)
 def _turn_and_apply(
-    sharpened, factor, before, taps_x, taps_y, regular, across, down, couplings, units, rhs,
-    prior, strength, lo, hi, direction, out, blurred, back, spline, around, room, line,
+    sharpened, factor, direction, beyond, taps_x, taps_y, regular, across, down, couplings, units,
+    rhs, prior, strength, lo, hi, writes, out, blurred, back, spline, around, room, line,
 ):  # fmt: skip
     height, width = sharpened.shape
     reach, lines = taps_y.size - 1, blurred.shape[0]
@@ -164,7 +167,9 @@ def _turn_and_apply(
             v = next_back
             while next_spline < min(end_spline, v + 3):
                 while next_blurred < min(end_blurred, next_spline + reach + 1):
-                    _combine(sharpened[next_blurred], f, before[next_blurred], line)
+                    _plus_row(
+                        sharpened[next_blurred], f, direction, beyond, next_blurred, lo, hi, line
+                    )
                     blur_row(line[:width], taps_x, room, blurred[next_blurred % lines])
                     next_blurred += 1
                 row = spline[next_spline % 5]
@@ -191,14 +196,14 @@ def _turn_and_apply(
             next_back += 1
         blur_ring(back, y, taps_y, height, width, out[y])
         if y == lo:
-            _combine(sharpened[y], f, before[y], around[y % 2, 1:])
+            _combine(sharpened[y], f, direction[y], around[y % 2, 1:])
         below = (y + 1) % 2
         if y + 1 < height:
-            _combine(sharpened[y + 1], f, before[y + 1], around[below, 1:])
+            _plus_row(sharpened[y + 1], f, direction, beyond, y + 1, lo, hi, around[below, 1:])
         else:
             below = 2
         own = around[y % 2, 1 : 1 + width]
-        if direction.size > 0:
+        if writes:
             copy_row(own, direction[y])
         first = (y + 1) * pitch + 1
         for x in range(0, width, WIDE):
@@ -208,6 +213,28 @@ def _turn_and_apply(
             )  # fmt: skip
         total += dot_row(own, out[y]) + s * sum_row(line[:width])
     return total
+
+
+@njit(**LEAN)
+def _plus_row(first, factor, image, beyond, row, lo, hi, out):
+    """Write ``first`` + ``factor`` · a row of an image as it was before bands were worked on."""
+    if row < lo:
+        _combine(first, factor, beyond[0][row - lo + beyond[0].shape[0]], out)
+    elif row >= hi:
+        _combine(first, factor, beyond[1][row - hi], out)
+    else:
+        _combine(first, factor, image[row], out)
+
+
+@njit(**LEAN)
+def _row_plus(image, beyond, row, lo, hi, factor, second, out):
+    """Write a row of an image as it was before bands were worked on, + ``factor`` · ``second``."""
+    if row < lo:
+        _combine(beyond[0][row - lo + beyond[0].shape[0]], factor, second, out)
+    elif row >= hi:
+        _combine(beyond[1][row - hi], factor, second, out)
+    else:
+        _combine(image[row], factor, second, out)
 
 
 @njit(**LEAN)
@@ -229,13 +256,14 @@ def _subtract(row, line):
 
 @njit(**OPTIONS)
 def look_and_sharpen(
-    step, estimate, direction, residual, applied, prior, strength, share, least, taps_x, taps_y,
-    lo, hi, estimate_after, residual_after, sharpened,
+    step, estimate, direction, residual, applied, beyond, prior, strength, share, least, taps_x,
+    taps_y, lo, hi, sharpened,
 ):  # fmt: skip
     """Take a step along the direction, look where it leads, and sharpen what is left to do.
 
-    Writes rows ``lo`` to ``hi`` of the next estimate x, of its residual Bᵀ (b − M B x), and of
-    the preconditioned gradient (I + (I − G) e (I − G)) r, r = Bᵀ (b − M B x) − λ P(x) x.
+    Changes rows ``lo`` to ``hi`` of the estimate x and of its residual Bᵀ (b − M B x), and writes
+    those of the preconditioned gradient (I + (I − G) e (I − G)) r,
+    r = Bᵀ (b − M B x) − λ P(x) x.
 
     Parameters
     ----------
@@ -243,6 +271,8 @@ def look_and_sharpen(
         Zero: x is as it was.
     estimate, direction, residual, applied : (KH, KW) float32
         x, the direction p, the residual, and Bᵀ M B p.
+    beyond : (of the estimate, of the residual)
+        Their rows before ``lo`` and from ``hi`` on, see ``system.rows_beyond``.
     prior : (4, KH + 1, ≥ KW + 1 + TAIL) uint16
         Weights of the prior, see :func:`weigh_prior`. Row y in row y + 1, padded by one in
         front; planes: right, below-left, below, below-right; zero where a neighbour is outside.
@@ -252,7 +282,7 @@ def look_and_sharpen(
         e is 1 / (share · λ · Σ weights + least).
     taps_x, taps_y : float32
         Half taps of G.
-    estimate_after, residual_after, sharpened : (KH, KW) float32
+    sharpened : (KH, KW) float32
 
     Returns
     -------
@@ -261,8 +291,8 @@ def look_and_sharpen(
     """
     width, lines = estimate.shape[1], 2 * taps_y.size - 1
     return _look_and_sharpen(
-        step, estimate, direction, residual, applied, prior, strength, share, least, taps_x,
-        taps_y, lo, hi, estimate_after, residual_after, sharpened,
+        step, estimate, direction, residual, applied, beyond, prior, strength, share, least,
+        taps_x, taps_y, lo, hi, sharpened,
         np.zeros((lines, width + TAIL), np.float32), np.zeros((lines, width + TAIL), np.float32),
         np.empty((lines, width), np.float32), np.empty((lines, width), np.float32),
         np.empty((lines, width), np.float32),
@@ -274,9 +304,8 @@ def look_and_sharpen(
 
 @njit(**LEAN)
 def _look_and_sharpen(
-    step, estimate, direction, residual, applied, prior, strength, share, least, taps_x, taps_y,
-    lo, hi, estimate_after, residual_after, sharpened, gradient, softness, blurred, fine,
-    smoothed, around, room, line,
+    step, estimate, direction, residual, applied, beyond, prior, strength, share, least, taps_x,
+    taps_y, lo, hi, sharpened, gradient, softness, blurred, fine, smoothed, around, room, line,
 ):  # fmt: skip
     height, width = estimate.shape
     reach, lines = taps_y.size - 1, gradient.shape[0]
@@ -288,12 +317,8 @@ def _look_and_sharpen(
     next_fine = max(0, lo - reach)
     end_row = min(height, end_fine + reach)
     next_row = max(0, next_fine - reach)
-    if next_row > 0:
-        above = next_row - 1
-        _combine(estimate[above], s, direction[above], around[above % 3, 1:])
-        _combine(estimate[next_row], s, direction[next_row], around[next_row % 3, 1:])
-    else:
-        _combine(estimate[0], s, direction[0], around[0, 1:])
+    for row in range(max(0, next_row - 1), next_row + 1):
+        _row_plus(estimate, beyond[0], row, lo, hi, s, direction[row], around[row % 3, 1:])
     energy, along = 0.0, 0.0
     for y in range(lo, hi):
         while next_fine < min(end_fine, y + reach + 1):
@@ -304,12 +329,14 @@ def _look_and_sharpen(
                 below = 3
                 if u + 1 < height:
                     below = (u + 1) % 3
-                    _combine(estimate[u + 1], s, direction[u + 1], around[below, 1:])
+                    _row_plus(
+                        estimate, beyond[0], u + 1, lo, hi, s, direction[u + 1], around[below, 1:]
+                    )
                 row = gradient[u % lines]
-                _combine(residual[u], -s, applied[u], row)
+                _row_plus(residual, beyond[1], u, lo, hi, -s, applied[u], row)
                 if lo <= u < hi:
-                    copy_row(around[u % 3, 1 : 1 + width], estimate_after[u])
-                    copy_row(row[:width], residual_after[u])
+                    copy_row(around[u % 3, 1 : 1 + width], estimate[u])
+                    copy_row(row[:width], residual[u])
                 for x in range(0, width, WIDE):
                     at = 1 + x
                     pull_wide(

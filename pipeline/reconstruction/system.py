@@ -194,7 +194,7 @@ class NormalEquations:
             λ.
         """
         out = np.empty(self.shape, np.float32)
-        self._turn(image, 0.0, image, prior, 0.0, NOTHING, out)
+        self._turn(image, 0.0, image, prior, 0.0, out)
         unit = _unit(strength, scale)
         map_threads(lambda band: sweeps.add_prior(image, prior, unit, *band, out), self._bands)
         return out
@@ -251,13 +251,12 @@ class NormalEquations:
         stop : callable, optional
             Polled before every step; true ends the work.
         """
-        image, residual, direction, applied, sharpened, *others = self._rooms()
-        next_image, next_residual, next_direction = others
+        image, residual, direction, applied, sharpened = self._rooms()
         np.subtract(estimate, self._level, out=image)
         direction[:] = 0
         prior = self._room_for_weights()
         unit = _unit(strength, scale)
-        self._turn(image, 0.0, image, prior, 0.0, NOTHING, residual, self._rhs)
+        self._turn(image, 0.0, image, prior, 0.0, residual, self._rhs)
         first = None
         previous = step = 0.0
         held, done = hold, 0
@@ -265,10 +264,8 @@ class NormalEquations:
             renew = _weighs_anew(held, hold, steps - done, stretch is not None and done > 0)
             energy, along = self._look(
                 step, image, direction, residual, applied, renew, prior, scale, unit, data_share,
-                next_image, next_residual, sharpened,
+                sharpened,
             )  # fmt: skip
-            image, next_image = next_image, image
-            residual, next_residual = next_residual, residual
             taken, step = step, 0.0
             first = energy if first is None else first
             held = 0 if renew else held
@@ -281,10 +278,7 @@ class NormalEquations:
                 step *= factor
                 done += 1
                 break
-            curvature = self._turn(
-                sharpened, factor, direction, prior, unit, next_direction, applied
-            )
-            direction, next_direction = next_direction, direction
+            curvature = self._turn(sharpened, factor, direction, prior, unit, applied, writes=True)
             slope = energy + factor * along
             if not (slope > 0 and curvature > 0):
                 break
@@ -307,7 +301,7 @@ class NormalEquations:
     def _rooms(self) -> list[HrImage]:
         """Return arrays to work in, of whatever they held."""
         if not self._scratch:
-            self._scratch = [np.empty(self.shape, np.float32) for _ in range(8)]
+            self._scratch = [np.empty(self.shape, np.float32) for _ in range(5)]
         return self._scratch
 
     def _room_for_weights(self) -> npt.NDArray[np.uint16]:
@@ -320,19 +314,21 @@ class NormalEquations:
         return weights
 
     def _turn(
-        self, sharpened: HrImage, factor: float, before: HrImage, prior: npt.NDArray[np.uint16],
-        unit: float, direction: HrImage, out: HrImage, rhs: HrImage = NOTHING,
+        self, sharpened: HrImage, factor: float, direction: HrImage, prior: npt.NDArray[np.uint16],
+        unit: float, out: HrImage, rhs: HrImage = NOTHING, *, writes: bool = False,
     ) -> float:  # fmt: skip
-        """Write the next direction and the matrix times it; return its curvature."""
+        """Write the matrix times the next direction, that one in place; return its curvature."""
+        reach = 2 * self._along[1].size
+        bands = [(band, rows_beyond(direction, *band, reach)) for band in self._bands]
         return float(
             sum(
                 map_threads(
-                    lambda band: sweeps.turn_and_apply(
-                        sharpened, factor, before, *self._along, self._regular, self._across,
-                        self._down, self._couplings, self._units, rhs, prior, unit, *band,
-                        direction, out,
+                    lambda item: sweeps.turn_and_apply(
+                        sharpened, factor, direction, item[1], *self._along, self._regular,
+                        self._across, self._down, self._couplings, self._units, rhs, prior, unit,
+                        *item[0], writes, out,
                     ),
-                    self._bands,
+                    bands,
                 )
             )
         )  # fmt: skip
@@ -340,9 +336,9 @@ class NormalEquations:
     def _look(
         self, step: float, image: HrImage, direction: HrImage, residual: HrImage,
         applied: HrImage, renew: bool, prior: npt.NDArray[np.uint16], scale: float, unit: float,
-        data_share: float, image_after: HrImage, residual_after: HrImage, sharpened: HrImage,
+        data_share: float, sharpened: HrImage,
     ) -> tuple[float, float]:  # fmt: skip
-        """Take a step, and write the preconditioned gradient there; return two products of it.
+        """Take a step in place, and write the preconditioned gradient; return two products of it.
 
         The preconditioner is I + (I − G) e (I − G). What the PSF G has removed is told by the
         prior alone, weakly and differently from pixel to pixel: e is the inverse of its
@@ -356,14 +352,27 @@ class NormalEquations:
                 ),
                 self._bands,
             )
+        reach = 2 * self._sharpening[1].size - 1
+        bands = [
+            (band, tuple(rows_beyond(changed, *band, reach) for changed in (image, residual)))
+            for band in self._bands
+        ]
         parts = map_threads(
-            lambda band: sweeps.look_and_sharpen(
-                step, image, direction, residual, applied, prior, unit, PRIOR_SHARE, data_share,
-                *self._sharpening, *band, image_after, residual_after, sharpened,
+            lambda item: sweeps.look_and_sharpen(
+                step, image, direction, residual, applied, item[1], prior, unit, PRIOR_SHARE,
+                data_share, *self._sharpening, *item[0], sharpened,
             ),
-            self._bands,
+            bands,
         )  # fmt: skip
         return float(sum(energy for energy, _ in parts)), float(sum(along for _, along in parts))
+
+
+def rows_beyond(image: HrImage, lo: int, hi: int, reach: int) -> tuple[HrImage, HrImage]:
+    """Return copies of so many rows before ``lo`` and from ``hi`` on.
+
+    Bands change their rows in place, side by side: what one reads of another is set aside before.
+    """
+    return image[max(0, lo - reach) : lo].copy(), image[hi : hi + reach].copy()
 
 
 def _weighs_anew(held: int, hold: int, left: int, is_stretched: bool) -> bool:

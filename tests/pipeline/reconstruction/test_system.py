@@ -286,13 +286,16 @@ def test_sweeps_by_bands_are_the_same_bits(regular, cuts):
         system._bands = list(pairwise(split))
         prior = system.edge_weights(_image(seed=3), 5.0)
         applied = system.apply(image, prior, 5.0, 0.7)
-        looked = [np.empty_like(image) for _ in range(3)]
-        parts = [_image(seed=seed) for seed in (5, 6, 7)]
+        looked = []
         for renew in (False, True):
-            system._look(0.3, image, *parts, renew, prior, 5.0, 0.7, 0.04, *looked[:3])
-            looked += [array.copy() for array in (*looked[:3], prior)]
-        turned = [np.empty_like(image) for _ in range(2)]
-        system._turn(image, 0.4, parts[0], prior, 0.7, *turned)
+            direction, residual, matrix = (_image(seed=seed) for seed in (5, 6, 7))
+            looking, sharpened = image.copy(), np.empty_like(image)
+            system._look(
+                0.3, looking, direction, residual, matrix, renew, prior, 5.0, 0.7, 0.04, sharpened
+            )
+            looked += [looking, residual, sharpened, prior.copy()]
+        turned = [direction, np.empty_like(image)]
+        system._turn(image, 0.4, direction, prior, 0.7, turned[1], writes=True)
         samples = np.empty(x.shape, np.float32)
         for low, high in pairwise(split):
             kernels.sample_spline(np.pad(image, 2), x, y, low, high, samples)
@@ -336,7 +339,7 @@ def test_the_prior_is_the_sum_over_neighbours_of_weighted_squares(shape):
     assert np.vdot(applied.astype(float), image) == pytest.approx(expected, rel=1e-4, abs=1e-6)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 1), (12, 20)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 1), (12, 20), (6, 700)])
 def test_weights_of_the_prior_follow_the_mean_square_around_in_sixteen_bits(shape):
     at, scale = _image(shape, 4), 6.0
     local = _image(shape, 8) / np.float32(255)
