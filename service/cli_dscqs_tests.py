@@ -95,7 +95,7 @@ def _add_making(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_plan(subcommands: Any) -> None:
-    from dscqs.plan import DIMENSIONS
+    from dscqs.plan import DIMENSIONS, Plan
     from dscqs.templates import TEMPLATES
 
     parser = subcommands.add_parser(
@@ -125,10 +125,15 @@ def _add_plan(subcommands: Any) -> None:
         "--conditions", type=_names, metavar="NAME,...", help="in place of the template's"
     )
     parser.add_argument("--name", metavar="TEXT", help="name of the test (default: the template's)")
-    parser.add_argument("--displays", type=_names, metavar="NAME,...", help="profiles of displays")
+    defaults = {item.name: item.default for item in dataclasses.fields(Plan)}
     parser.add_argument(
-        "--dimensions", type=_names, metavar="NAME,...", help=f"of {', '.join(DIMENSIONS)}"
-    )
+        "--displays", type=_names, metavar="NAME,...",
+        help=f"profiles of displays (default: {', '.join(defaults['displays'])})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--dimensions", type=_names, metavar="NAME,...",
+        help=f"of {', '.join(DIMENSIONS)} (default: {', '.join(defaults['dimensions'])})",
+    )  # fmt: skip
     parser.add_argument(
         "--training", type=_names, default=(), metavar="CONTENT,...", help="shown for training only"
     )
@@ -136,11 +141,16 @@ def _add_plan(subcommands: Any) -> None:
         ("repetitions", "times each pair is shown"),
         ("dummies", "presentations at the start that do not count"),
         ("coherence", "pairs that come once more"),
-        ("break-every", "presentations from break to break"),
+        ("break-every", "presentations from break to break; 0: no breaks"),
         ("seed", "of the order"),
     ):
-        parser.add_argument(f"--{name}", type=int, metavar="N", help=said)
-    parser.add_argument("--variant", choices=("I", "II"), help="I: the assessor switches freely")
+        default = defaults[name.replace("-", "_")]
+        parser.add_argument(f"--{name}", type=int, metavar="N", help=f"{said} (default: {default})")
+    parser.add_argument(
+        "--variant", choices=("I", "II"),
+        help="I: the assessor switches freely; II: A and B in turn, then the vote "
+        f"(default: {defaults['variant']})",
+    )  # fmt: skip
     parser.add_argument(
         "--long-session", action="store_true", default=None, help="more than 30 minutes are wanted"
     )
