@@ -93,12 +93,23 @@ async function showFiles() {
   }
 }
 
+/** A link to what an export made: its one file, or all of them as ZIP. */
+async function download(job, name) {
+  const files = await ask(`/api/v1/jobs/${job.id}/results`);
+  const href = files.length === 1 ? files[0].url : `/api/v1/jobs/${job.id}/archive`;
+  return element("a", { class: "button", href, download: files.length === 1 ? files[0].name : "",
+    "aria-label": `Download ${name}` }, "Download");
+}
+
 async function showExports() {
   const made = await ask(`${here}/exports`);
-  place("export-list").replaceChildren(...made.jobs.map((job) => {
+  const shown = await Promise.all(made.jobs.map(async (job) => {
+    const name = formName(job.request.export);
     return element("li", { class: "row spread" },
-      element("a", { href: `/jobs/${job.id}` }, formName(job.request.export)), stateOf(job.state));
+      element("a", { href: `/jobs/${job.id}` }, name),
+      job.state === "succeeded" ? await download(job, name) : stateOf(job.state));
   }));
+  place("export-list").replaceChildren(...shown);
   if (made.jobs.some((job) => !FINAL.includes(job.state))) {
     setTimeout(() => trying(showExports), 1500);
   }

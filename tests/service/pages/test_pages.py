@@ -375,6 +375,16 @@ def test_the_time_left_is_told_by_the_pace_of_the_last_frames(chromium, live_ser
         )
 
 
+def test_an_export_is_fetched_from_the_page_of_its_job(chromium, live_service, job):
+    with opened(chromium, f"{live_service.url}/jobs/{job}") as page:
+        page.locator("#export [name=layout]").select_option("left")
+        page.locator("#export [name=kind]").select_option("webm")
+        page.get_by_role("button", name="Export").click()
+        with page.expect_download() as loading:
+            page.get_by_role("link", name="Download left · webm").click()
+    assert loading.value.suggested_filename == "long_left.webm"
+
+
 def test_the_page_of_a_failed_job_says_why(chromium, live_service):
     """Also to who comes when it is over, and no look at the job that goes well takes it back."""
     with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as api:
