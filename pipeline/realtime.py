@@ -65,13 +65,14 @@ CHANGED_ALONE, REFRESH_PER_VIEW = 0.06, 0.056
 """Work of a frame whose eyes are made of themselves alone where they change, and what each view
 adds if all that stands still is refreshed."""
 
-KEPT, KEPT_PER_VIEW = 0.1, 0.0165
-"""What is added where what changes is made by kept motions, and by each view that it is made of."""
+KEPT, KEPT_PER_VIEW, KEPT_PER_STEP = 0.048, 0.0165, 0.013
+"""What is added where what changes is made by kept motions, by each view that it is made of and by
+each step."""
 
 LANDED_PER_VIEW = 0.008
 """What each view adds besides where that lands by its depth."""
 
-READ_PER_VIEW, DEPTH_PER_VIEW = 0.008, 0.01
+READ_PER_VIEW, DEPTH_PER_VIEW = 0.004, 0.009
 """Work of reading a view, and its depth map, where views other than the eyes are looked at."""
 
 ALONE = 0.05
@@ -79,6 +80,10 @@ ALONE = 0.05
 
 BY_DEPTH_VIEWS, BY_DEPTH_STEPS = 4, 3
 """Views of which what changes is made, and steps, where it lands by depth and all are too much."""
+
+KEPT_STEPS = 2
+"""Steps where motions are kept and all views are too much: three quarters of them in two steps
+cost hardly more than two in four, and give more."""
 
 REFRESH_EVERY = 8
 """Frames within which what stands still is made again, low on the ladder."""
@@ -140,11 +145,13 @@ class Rung:
         if effort.refresh_every is None:
             return ALONE
         views = num_views if effort.views is None else effort.views
+        steps = FULL_STEPS if effort.steps is None else effort.steps
         if not effort.registers:
             work = CHANGED_ALONE + num_views * REFRESH_PER_VIEW / effort.refresh_every
+            if effort.alone:
+                return work
             landed = LANDED_PER_VIEW if effort.by_depth else 0.0
-            return work if effort.alone else work + KEPT + views * (KEPT_PER_VIEW + landed)
-        steps = FULL_STEPS if effort.steps is None else effort.steps
+            return work + KEPT + views * (KEPT_PER_VIEW + landed) + steps * KEPT_PER_STEP
         of_view = PER_VIEW * (1 - REGISTRATION + REGISTRATION / effort.register_every)
         return BASE + views * of_view + steps * PER_STEP
 
@@ -192,17 +199,19 @@ def ladder(num_views: int, num_eyes: int = 2, *, has_depth: bool = False) -> tup
     2 steps, views registered every 8 frames, 6 views for what changes
     2 steps, views registered every 8 frames, 4 views for what changes
     motions kept
-    motions kept, 2 views for what changes
+    2 steps, motions kept, 6 views for what changes
+    2 steps, motions kept, 2 views for what changes
     what changes alone
     each eye alone, what stands still made again
     each eye alone
 
-    >>> for rung in ladder(8, has_depth=True)[2:6]:
+    >>> for rung in ladder(8, has_depth=True)[2:7]:
     ...     print(rung)
     2 steps
     what changes lands by its depth
     3 steps, what changes lands by its depth, 4 views for what changes
-    motions kept, 2 views for what changes
+    2 steps, motions kept, 6 views for what changes
+    2 steps, motions kept, 2 views for what changes
     """
     efforts = [FULL, *(Effort(steps=steps) for steps in STEPS)]
     if num_views > 1 and has_depth:
@@ -222,7 +231,10 @@ def ladder(num_views: int, num_eyes: int = 2, *, has_depth: bool = False) -> tup
             else Effort(register=False)
         )
         if 1 < num_eyes < num_views / 2:
-            efforts.append(Effort(register=False, views=num_eyes, refresh_every=REFRESH_EVERY))
+            efforts += [
+                Effort(register=False, steps=KEPT_STEPS, views=views, refresh_every=REFRESH_EVERY)
+                for views in (round(VIEWS[0] * num_views), num_eyes)
+            ]
         efforts.append(Effort(alone=True, refresh_every=REFRESH_EVERY))
         efforts.append(Effort(alone=True, refresh_every=REFRESH_ALONE_EVERY, others=False))
     efforts.append(Effort(alone=True, refresh_every=None))
