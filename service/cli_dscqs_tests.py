@@ -125,7 +125,7 @@ def _add_plan(subcommands: Any) -> None:
         "--conditions", type=_names, metavar="NAME,...", help="in place of the template's"
     )
     parser.add_argument("--name", metavar="TEXT", help="name of the test (default: the template's)")
-    defaults = {item.name: item.default for item in dataclasses.fields(Plan)}
+    defaults: dict[str, Any] = {item.name: item.default for item in dataclasses.fields(Plan)}
     parser.add_argument(
         "--displays", type=_names, metavar="NAME,...",
         help=f"profiles of displays (default: {', '.join(defaults['displays'])})",

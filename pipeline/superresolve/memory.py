@@ -145,7 +145,7 @@ class Memory:
         follows = frame.frame_index == self._detailed + 1
         before = self._details if follows else {}
 
-        def look(target: str) -> tuple[tuple[GreyImage, ...], bool]:
+        def look(target: str) -> tuple[tuple[Detail, ...], bool]:
             now = detail_of(frame.view(target).luma)
             details = (*before.get(target, ())[1 - KEPT :], now)
             return details, goes_on_changing(details, noise)
