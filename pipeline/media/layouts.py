@@ -58,6 +58,12 @@ SPATIAL = (
 )
 """What is said of spatial video, with names for its eyes."""
 
+LEAST_MANIFEST = (
+    '{"format": "depthsr-scene/1", "views": [{"id": "left", "color": "left-%04d.png"}, '
+    '{"id": "right", "color": "right-%04d.png"}]}'
+)
+"""What the manifest of a scene must say, for a message."""
+
 
 def describe_path(path: Path, input_layout: str | None = None) -> SceneDescription:
     """Return the description of whatever lies at a path.
@@ -116,7 +122,9 @@ def describe_folder(folder: Path) -> SceneDescription:
         f"no {MANIFEST_NAME} here, and no layout that is known: MSR 3D video "
         "(cam0/color-cam0-f000.jpg), Middlebury 2001–2014 (im2.png with disp2.png, "
         "view1.png with disp1.png, im0.png with im1.png), a video or images for each eye "
-        "(clip_left.mov with clip_right.mov, left-0001.png with right-0001.png)",
+        "(clip_left.mov with clip_right.mov, left-0001.png with right-0001.png). Write a "
+        f"{MANIFEST_NAME} that names the pictures, such as {LEAST_MANIFEST}; its keys are in "
+        "docs/scene.md",
         path=folder,
     )
 
@@ -457,7 +465,7 @@ def describe_stereo_video(path: Path, input_layout: str | None = None) -> SceneD
         notes.append(
             f"read as {layout.value}: {arrangement} by the {origin}, "
             f"{'half' if half else 'full'} size by the {because}; "
-            "the input layout (--input-layout) says otherwise"
+            "if that is wrong, give the input layout (--input-layout)"
         )
     views = tuple(
         ViewDescription(

@@ -13,7 +13,7 @@ import pytest
 
 from pipeline.colour import to_rgb
 from pipeline.errors import SceneError
-from pipeline.media.layouts import describe_path
+from pipeline.media.layouts import LEAST_MANIFEST, describe_path
 from pipeline.media.source import open_scene
 from service.client import scene_files
 
@@ -343,6 +343,7 @@ def test_tags_and_names_tell_side_by_side(tmp_path, name, size, settings, layout
     with open_scene(path) as source:
         assert source.info.input_layout == layout
         assert f"read as {layout}: sbs by the" in source.info.warnings[0]
+        assert "if that is wrong, give the input layout" in source.info.warnings[0]
         assert halves(source) == order.split()
 
 
@@ -511,10 +512,24 @@ def test_what_is_not_known_says_what_is(tmp_path):
     with pytest.raises(SceneError, match="there is no such file or folder"):
         open_scene(tmp_path / "nowhere")
     cv2.imwrite(str(tmp_path / "im2.png"), color(20))
-    with pytest.raises(SceneError, match=r"no scene\.json here, and no layout that is known"):
+    with pytest.raises(SceneError) as said:
         open_scene(tmp_path)
+    text = str(said.value)
+    assert "no scene.json here, and no layout that is known" in text
+    assert "docs/scene.md" in text
+    assert "\n" not in text
     with pytest.raises(SceneError, match=r"im2\.png: one image; a scene is"):
         open_scene(tmp_path / "im2.png")
+
+
+def test_the_manifest_that_is_proposed_is_one(tmp_path):
+    for eye in ("left", "right"):
+        for frame in range(2):
+            cv2.imwrite(str(tmp_path / f"{eye}-{frame:04d}.png"), color(20))
+    (tmp_path / "scene.json").write_text(LEAST_MANIFEST)
+    with open_scene(tmp_path) as source:
+        assert source.info.layout == "manifest"
+        assert (source.info.view_ids, source.info.num_frames) == (("left", "right"), 2)
 
 
 @pytest.mark.parametrize(
