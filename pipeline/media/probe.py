@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from pipeline.frames import MultiViewFrame, View
 from pipeline.media.info import SceneInfo
+from pipeline.media.sound import sound_codec
 from pipeline.media.source import FrameSource
 
 MOSTLY_UNKNOWN = 0.9
@@ -27,7 +29,8 @@ def describe(source: FrameSource) -> dict[str, Any]:
     -------
     dict
         Plain values that JSON can hold. ``views[i].nearness`` is the (lowest, highest) value
-        of the first frame: pixels of disparity, or 1 / scene unit where ``depth.metric``.
+        of the first frame: in 1 / scene unit where ``depth.metric``, else in the unit of the
+        maps that are given, else pixels of disparity. ``sound`` is the codec of what goes along.
         ``warnings`` lists what was guessed, ignored or looks suspicious.
 
     Raises
@@ -58,6 +61,7 @@ def describe(source: FrameSource) -> dict[str, Any]:
             "count": info.num_frames,
         },
         "timecode": info.timecode,
+        "sound": None if info.sound is None else sound_codec(info.sound),
         "fps": f"{info.fps.numerator}/{info.fps.denominator}",
         "depth": {
             "kind": info.depth_kind,
@@ -82,13 +86,15 @@ def format_description(description: Mapping[str, Any]) -> str:
         f"  pictures     {size}, {colour}, {description['bit_depth']} bits",
         f"  colours      {description['primaries']} primaries, {description['transfer']} transfer",
         f"  frames       {frames['count']}: {frames['first']} to {frames['last']}, "
-        f"{description['fps']} a second",
+        f"{_rate_text(description['fps'])} a second",
         f"  depth        {_depth_text(depth)}",
         f"  calibration  {'yes' if description['calibration'] else 'no'}",
         f"  stereo pair  {_pair_text(description)}",
     ]
     if description["timecode"]:
         lines.insert(5, f"  time code    {description['timecode']}")
+    if description["sound"]:
+        lines.insert(5, f"  sound        {description['sound']}, goes along as it is")
     if description["pixel_aspect"] != "1" and not description["input_layout"]:
         lines.insert(3, f"  pixel aspect {description['pixel_aspect']}")
     if description["input_layout"]:
@@ -98,7 +104,7 @@ def format_description(description: Mapping[str, Any]) -> str:
             f"pixel aspect {description['pixel_aspect']}",
         )
     for view in description["views"]:
-        lines.append(f"    {view['id']}: {_view_text(view)}")
+        lines.append(f"    {view['id']}: {_view_text(view, _unit(depth))}")
     lines.extend(f"  warning: {warning}" for warning in description["warnings"])
     return "\n".join(lines)
 
@@ -161,9 +167,28 @@ def _depth_text(depth: Mapping[str, Any]) -> str:
     if depth["range"] is None:
         return f"{kind}, nothing known"
     low, high = depth["range"]
-    what = "distance" if depth["metric"] else "nearness"
-    unit = " in units of the calibration" if depth["metric"] else ""
-    return f"{kind}, {what} {low:.4g} to {high:.4g}{unit}"
+    what, unit = (
+        ("distance", "units of the calibration") if depth["metric"] else ("nearness", _unit(depth))
+    )
+    return f"{kind}, {what} {low:.4g} to {high:.4g} in {unit}"
+
+
+def _unit(depth: Mapping[str, Any]) -> str:
+    """Return what nearness is counted in."""
+    if depth["metric"]:
+        return "1 / unit of the calibration"
+    return "pixels of disparity" if depth["kind"] is None else "the unit of the depth maps"
+
+
+def _rate_text(fps: str) -> str:
+    """Return frames a second to read, a rate that is no decimal number with its fraction.
+
+    >>> _rate_text("25/1"), _rate_text("25/2"), _rate_text("30000/1001")
+    ('25', '12.5', '29.97 (30000/1001)')
+    """
+    rate = Fraction(fps)
+    text = f"{float(rate):.2f}".rstrip("0").rstrip(".")
+    return text if Fraction(text) == rate else f"{text} ({rate})"
 
 
 def _pair_text(description: Mapping[str, Any]) -> str:
@@ -174,11 +199,12 @@ def _pair_text(description: Mapping[str, Any]) -> str:
     )
 
 
-def _view_text(view: Mapping[str, Any]) -> str:
+def _view_text(view: Mapping[str, Any], unit: str) -> str:
     origin = "estimated" if view["depth_estimated"] else "given" if view["depth_given"] else "none"
     if view["nearness"] is None:
         return f"depth {origin}, nothing known"
     low, high = view["nearness"]
     return (
-        f"depth {origin}, nearness {low:.4g} to {high:.4g}, {view['unknown_fraction']:.1%} unknown"
+        f"depth {origin}, nearness {low:.4g} to {high:.4g} in {unit}, "
+        f"{view['unknown_fraction']:.1%} unknown"
     )

@@ -25,9 +25,11 @@ def test_a_good_scene_is_described_without_warnings(write_scene):
     assert description["views"][0]["nearness"] == [5.0, 50.0]
     assert description["warnings"] == []
     text = format_description(description)
-    for words in ("4, left to right: v0, v1", "26×18, colour, 8 bits", "3: 2 to 4, 15/1",
-                  "nearness 5 to 50", "left v1, right v2", "calibration  no"):  # fmt: skip
+    for words in ("4, left to right: v0, v1", "26×18, colour, 8 bits", "3: 2 to 4, 15 a second",
+                  "nearness 5 to 50 in the unit of the depth maps, 0.0% unknown",
+                  "left v1, right v2", "calibration  no"):  # fmt: skip
         assert words in text
+    assert "sound" not in text
     assert "warning" not in text
 
 

@@ -17,6 +17,7 @@ from pipeline.export import Master, export
 from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
 from pipeline.media.encode import join_segments, takes_sound, write_segment
 from pipeline.media.info import Sound
+from pipeline.media.probe import describe, format_description
 from pipeline.media.source import open_scene
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
 from pipeline.run import run_job
@@ -136,6 +137,16 @@ def test_sound_is_copied_as_it_is(tmp_path, codec, container):
 @pytest.mark.parametrize(("codec", "container"), [("aac", "webm"), ("pcm_u8", "mp4")])
 def test_what_a_file_does_not_take_is_known_before(tmp_path, codec, container):
     assert not takes_sound(Container(container), write_film(tmp_path / "film.mkv", codec))
+
+
+def test_probe_tells_of_sound_and_of_what_nearness_is_counted_in(tmp_path):
+    with open_scene(write_film(tmp_path / "film.mkv", "flac"), input_layout="sbs") as source:
+        description = describe(source)
+    assert description["sound"] == "flac"
+    text = format_description(description)
+    assert "sound        flac, goes along as it is" in text
+    assert f"{FPS} a second" in text
+    assert "in pixels of disparity" in text
 
 
 def test_sound_that_is_gone_is_named(tmp_path):
