@@ -124,8 +124,9 @@ def _export(order: WorkOrder, voice: Voice, tell: Any, stop: Any) -> dict[str, A
 
 
 def _compute(order: WorkOrder, voice: Voice, tell: Any, stop: Any) -> dict[str, Any]:
+    from pipeline.compile_notice import compile_notice
     from pipeline.errors import SceneError
-    from pipeline.events import Event, SegmentFinished
+    from pipeline.events import Compiling, Event, SegmentFinished
     from pipeline.export import export
     from pipeline.media.files import write_atomic
     from pipeline.media.source import FrameSource, open_scene
@@ -178,6 +179,7 @@ def _compute(order: WorkOrder, voice: Voice, tell: Any, stop: Any) -> dict[str, 
                 from pipeline.cluster import ClusterEngine
 
                 engine = stack.enter_context(ClusterEngine(order.cluster, make_sink=remote))
+            stack.enter_context(compile_notice(lambda: tell(Compiling())))
             summary = run_job(
                 job, on_event=tell_more, stop=stop, resume=True, engine=engine, tools=tools
             )

@@ -37,7 +37,8 @@ function showProgress(job) {
   const total = job.frames_total;
   place("bar").value = total ? job.frames_done / total : 0;
   const left = job.state === "running" ? secondsLeft(paced, total) : null;
-  const said = left === null ? "" : `, ${duration(left)} left`;
+  const said = left !== null ? `, ${duration(left)} left`
+    : job.state === "running" && compiling ? ", compiling" : "";
   place("count").textContent = total ? `${job.frames_done} of ${total} frames${said}` : "";
 }
 
@@ -166,8 +167,12 @@ let due = null;
 const PACED = 20;
 let paced = [];
 
+/** Whether the first frame of this attempt waits for kernels that are compiled. */
+let compiling = false;
+
 function pace({ at, kind, data }) {
   if (kind === "JobStarted") paced = [];
+  if (["JobStarted", "Compiling", "FrameFinished"].includes(kind)) compiling = kind === "Compiling";
   if (kind === "FrameFinished") {
     paced = [...paced, { at: Date.parse(at), done: data.done }].slice(-PACED);
   }

@@ -375,6 +375,16 @@ def test_the_time_left_is_told_by_the_pace_of_the_last_frames(chromium, live_ser
         )
 
 
+def test_a_job_that_waits_for_kernels_says_so(chromium, make_service, tiny_scene, tmp_path):
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "nothing-compiled")}
+    service = make_service("--roots", str(tiny_scene.parent), **cache)
+    with httpx.Client(base_url=service.url, timeout=PATIENCE) as api:
+        made = api.post("/api/v1/jobs", json={"scene": "tiny"}).json()["id"]
+    with opened(chromium, f"{service.url}/jobs/{made}") as page:
+        _until(page, "document.getElementById('count').textContent.endsWith(', compiling')")
+        assert "compiling, this once" in page.locator("#log").inner_text()
+
+
 def test_an_export_is_fetched_from_the_page_of_its_job(chromium, live_service, job):
     with opened(chromium, f"{live_service.url}/jobs/{job}") as page:
         page.locator("#export [name=layout]").select_option("left")
