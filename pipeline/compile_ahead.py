@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.config import REGISTRATION_PRESETS, Settings, Solver
+from pipeline.effort import Effort
 from pipeline.frames import MultiViewFrame, Place, View
 from pipeline.media.coded import coded
 from pipeline.media.ycbcr import YcbcrMatrix
@@ -99,12 +100,16 @@ def _do_stream(scene: SampleScene) -> None:
 
 
 def _do_swift(scene: SampleScene) -> None:
-    """Super-resolve frames of a fixed rig until what changes lands by its depth maps."""
+    """Super-resolve frames of a fixed rig until what changes lands by its depth maps.
+
+    In the last one it is followed in each eye alone.
+    """
     worker = Worker(Settings(temporal="swift", noise_sigma=1.0), targets=("cam0", "cam1"))
     for index in range(1, max(AGAIN) + 3):
         frame = scene.frame(noise_sigma=1.0, noise_seed=index)
         last = index == max(AGAIN) + 2
         worker.take(replace(_partly_negative(frame) if last else frame, frame_index=index))
+    worker.take(replace(frame, frame_index=index + 1), effort=Effort(alone=True))
 
 
 def _partly_negative(frame: MultiViewFrame) -> MultiViewFrame:

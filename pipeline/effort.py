@@ -54,6 +54,10 @@ class Effort:
     """False, of ``alone`` only: no other view is looked at, and what stands still is refreshed of
     them as they were."""
 
+    follow: bool = True
+    """False, of ``alone`` only: what has changed is not looked for in the frame before, nor in the
+    other eye."""
+
     def __post_init__(self) -> None:
         for name in ("steps", "views", "register_every", "refresh_every"):
             value = getattr(self, name)

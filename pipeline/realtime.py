@@ -24,12 +24,13 @@ an iterator of frames.
 The order in which quality goes is the ladder's (:func:`ladder`): first fewer steps of the solver,
 then the motions of each view found anew more seldom, then fewer views for what changes (those that
 stand farthest from the eyes go first), then motions that are kept as they are, then each eye of
-itself alone where it changes, then no view but the eyes, last nothing but where they change. As
-soon as frames cost more than there is time for, the controller goes down to the rung whose frames,
-by what these cost and by the work of either rung, have time enough: at once where the first frame
-of a rung costs a multiple of its time. It goes a rung up only after a long calm, longer each time
-that it had to be taken back; until what that rung takes is there, frames are made on the one below.
-A frame that would be begun too late is dropped, and counted.
+itself alone where it changes, then nothing followed that moves, then no view but the eyes, last
+nothing but where they change. As soon as frames cost more than there is time for, the controller
+goes down to the rung whose frames, by what these cost and by the work of either rung, have time
+enough: at once where the first frame of a rung costs a multiple of its time. It goes a rung up only
+after a long calm, longer each time that it had to be taken back; until what that rung takes is
+there, frames are made on the one below. A frame that would be begun too late is dropped, and
+counted.
 """
 
 from __future__ import annotations
@@ -68,6 +69,9 @@ adds if all that stands still is refreshed."""
 KEPT, KEPT_PER_VIEW, KEPT_PER_STEP = 0.048, 0.0165, 0.013
 """What is added where what changes is made by kept motions, by each view that it is made of and by
 each step."""
+
+FOLLOWED = 0.05
+"""What is added where what has changed is looked for in the frame before and the other eye."""
 
 LANDED_PER_VIEW = 0.008
 """What each view adds besides where that lands by its depth."""
@@ -149,7 +153,7 @@ class Rung:
         if not effort.registers:
             work = CHANGED_ALONE + num_views * REFRESH_PER_VIEW / effort.refresh_every
             if effort.alone:
-                return work
+                return work + FOLLOWED * effort.follow
             landed = LANDED_PER_VIEW if effort.by_depth else 0.0
             return work + KEPT + views * (KEPT_PER_VIEW + landed) + steps * KEPT_PER_STEP
         of_view = PER_VIEW * (1 - REGISTRATION + REGISTRATION / effort.register_every)
@@ -165,10 +169,11 @@ class Rung:
     def __str__(self) -> str:
         effort = self.effort
         if effort.alone:
+            followed = ", followed" if effort.follow else ""
             if effort.looks_around:
-                return "what changes alone"
+                return f"what changes alone{followed}"
             kept = "" if effort.refresh_every is None else ", what stands still made again"
-            return f"each eye alone{kept}"
+            return f"each eye alone{followed}{kept}"
         parts = []
         if effort.steps is not None:
             parts.append(f"{effort.steps} steps")
@@ -201,6 +206,7 @@ def ladder(num_views: int, num_eyes: int = 2, *, has_depth: bool = False) -> tup
     motions kept
     2 steps, motions kept, 6 views for what changes
     2 steps, motions kept, 2 views for what changes
+    what changes alone, followed
     what changes alone
     each eye alone, what stands still made again
     each eye alone
@@ -235,9 +241,12 @@ def ladder(num_views: int, num_eyes: int = 2, *, has_depth: bool = False) -> tup
                 Effort(register=False, steps=KEPT_STEPS, views=views, refresh_every=REFRESH_EVERY)
                 for views in (round(VIEWS[0] * num_views), num_eyes)
             ]
-        efforts.append(Effort(alone=True, refresh_every=REFRESH_EVERY))
-        efforts.append(Effort(alone=True, refresh_every=REFRESH_ALONE_EVERY, others=False))
-    efforts.append(Effort(alone=True, refresh_every=None))
+        alone = Effort(alone=True, refresh_every=REFRESH_EVERY)
+        efforts += [alone, replace(alone, follow=False)]
+        efforts.append(
+            replace(efforts[-1], refresh_every=REFRESH_ALONE_EVERY, others=False)
+        )  # fmt: skip
+    efforts.append(Effort(alone=True, refresh_every=None, follow=False))
     return tuple(Rung(effort=effort) for effort in efforts)
 
 

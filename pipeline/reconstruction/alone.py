@@ -12,7 +12,8 @@ import numpy.typing as npt
 from pipeline.frames import Mask
 from pipeline.grid import Grid
 from pipeline.reconstruction.again import Again, pieces_of
-from pipeline.reconstruction.fused import estimate_alone, parts_alone
+from pipeline.reconstruction.followed import put_right
+from pipeline.reconstruction.fused import SMALLEST_NOISE, estimate_alone, parts_alone
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.parts import covering_boxes, put_pixels
 from pipeline.reconstruction.psf import Psf
@@ -70,6 +71,22 @@ def restored(
         put_pixels(shown, np.clip(part, 0.0, 255.0), wanted[box], box, grid)
     np.copyto(frames, count, where=wanted)
     return Restored(estimate=estimate, shown=shown, frames=frames)
+
+
+def made_better(
+    made: Restored, predicted: HrImage, still: Still, grid: Grid, psf: Psf, noise: float
+) -> None:
+    """Make what has changed of a view better by what is predicted of it, in place.
+
+    Parameters
+    ----------
+    predicted : (K·H, K·W) float32
+        Of :func:`followed.moved_here`.
+    """
+    put_right(
+        made.estimate, made.shown, predicted, still.mean, still.touched, grid, psf,
+        max(noise, SMALLEST_NOISE),
+    )  # fmt: skip
 
 
 def refreshed(

@@ -25,7 +25,7 @@ TOGETHER = 128
 """Observations whose taps are worked out together, before they are added one by one."""
 
 PATCH = 7
-"""Side of the patches of :func:`weigh_patches`, pixels."""
+"""Side of the patches of :func:`weigh_patches` and :func:`weigh_patch`, pixels."""
 
 _FLOAT, _WORD, _SHORT = ir.FloatType(), ir.IntType(32), ir.IntType(16)
 
@@ -614,5 +614,40 @@ def weigh_patches(typing_context, image, at, pitch, taps, kinds, first, out):
             ]
         eight.store(totals[0], result, first)
         return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def weigh_patch(typing_context, image, at, pitch, taps, along_x, along_y):
+    """Return the sum of a patch's pixels, each times its taps along x and along y.
+
+    Parameters
+    ----------
+    image : float32 array
+    at, pitch : intp
+        Of the patch's first pixel; from row to row.
+    taps : float32 array
+        In rows of LANES, the last lane zero.
+    along_x, along_y : intp
+        Of the first tap along either axis.
+    """
+    signature = types.float32(image, types.intp, types.intp, taps, types.intp, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        eight = _Vectors(builder)
+        pixels, weights = (_data(context, builder, signature, arguments, n) for n in (0, 3))
+        at, pitch, along_x, along_y = (arguments[n] for n in (1, 2, 4, 5))
+        total, line = eight.zeros, at
+        for row in range(PATCH):
+            where = builder.add(along_y, ir.Constant(along_y.type, row))
+            tap = eight.spread(builder.load(builder.gep(weights, [where])))
+            total = eight.add(total, eight.times(eight.load(pixels, line), tap))
+            line = builder.add(line, pitch)
+        total = eight.times(total, eight.load(weights, along_x))
+        for half in (4, 2, 1):
+            turned = eight.choose(total, total, [(lane + half) % LANES for lane in range(LANES)])
+            total = eight.add(total, turned)
+        return builder.extract_element(total, ir.Constant(_WORD, 0))
 
     return signature, generate

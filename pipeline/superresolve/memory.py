@@ -18,6 +18,7 @@ from pipeline.reconstruction.fused import FusedResult
 from pipeline.registration.by_depth import DepthLaw, Nearness, landed_by_depth, learn_law
 from pipeline.registration.prepare import cleaned
 from pipeline.registration.register import Previous, ViewRegistration
+from pipeline.superresolve.follow import Shown
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.temporal.drift import KEPT, Detail, detail_of, goes_on_changing
 from pipeline.temporal.initial import BlockMatch, match_blocks
@@ -463,6 +464,15 @@ class Memory:
             estimate=np.require(solved.result.estimate, requirements="W"), shown=solved.shown,
             frames=np.full_like(solved.frames, np.inf),
         )  # fmt: skip
+
+    def shown(self, targets: Sequence[str]) -> dict[str, Shown]:
+        """Return what the last frame has left of these targets, as far as it has any."""
+        found = {target: self.restored(target) for target in targets}
+        return {
+            target: Shown(observed=self._observed[target], shown=left.shown)
+            for target, left in found.items()
+            if left is not None
+        }
 
     def keep_restored(self, frame: MultiViewFrame, made: Mapping[str, Restored]) -> None:
         """Remember a frame whose targets were made of themselves alone; of a chain only."""

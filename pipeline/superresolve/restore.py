@@ -26,6 +26,7 @@ from pipeline.superresolve.due import (
     as_cold_where_quiet,
     in_turn,
 )
+from pipeline.superresolve.follow import follow
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import colour_of
 from pipeline.superresolve.stages import Stages
@@ -152,8 +153,8 @@ def _made(
         known = memory.known_views() if is_refreshed else {}
 
         def restore(target: str) -> Restored:
-            before, still = memory.restored(target), memory.still[target]
-            return restored(still, before, settings.grid, psf, noise, learned)
+            left, still = memory.restored(target), memory.still[target]
+            return restored(still, left, settings.grid, psf, noise, learned)
 
         def again(target: str, made: Restored) -> Again:
             still, every = memory.still[target], effort.refresh_every
@@ -172,7 +173,11 @@ def _made(
             views, offsets = known[target]
             return Again(due=due, registered=views, offsets=offsets, start=made.estimate)
 
+        before = memory.shown(targets)
         made = map_threads(restore, targets)
+        if effort.alone and effort.follow:
+            by_target = dict(zip(targets, made, strict=True))
+            follow(by_target, before, memory.still, settings, psf, noise, frame.frame_index)
         if known:
             made = refreshed(
                 made, [again(*pair) for pair in zip(targets, made, strict=True)],

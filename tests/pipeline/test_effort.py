@@ -129,7 +129,7 @@ def test_without_motions_that_could_be_kept_each_eye_is_made_alone(frames):
 def test_what_another_solver_has_made_is_not_refreshed_by_the_fused_one(frames):
     settings = replace(SETTINGS, solver="pocs", sweeps=1)
     found = []
-    for effort in (Effort(register=False), Effort(**ALONE)):
+    for effort in (Effort(register=False), Effort(**ALONE, follow=False)):
         memory = Memory()
         for frame, less in zip(frames[:2], (Effort(), effort), strict=True):
             result = superresolve(frame, settings, targets=TARGETS, memory=memory, effort=less)

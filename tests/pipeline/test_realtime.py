@@ -96,8 +96,8 @@ def test_each_rung_has_less_than_the_one_above_in_the_stated_order(num_views, nu
     def wealth(rung):
         effort = rung.effort
         return (
-            not effort.alone, effort.refresh_every is not None, effort.others, effort.register,
-            effort.by_depth,
+            not effort.alone, effort.refresh_every is not None, effort.others, effort.follow,
+            effort.register, effort.by_depth,
             effort.views or infinite, -effort.register_every, effort.steps or infinite,
         )  # fmt: skip
 
