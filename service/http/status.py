@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
+from datetime import UTC, datetime
 from importlib import metadata
 from typing import Annotated
 
@@ -16,6 +17,9 @@ from service.http.auth import Client, require
 from service.http.files import add_heads
 from service.http.quota import folder_size
 from service.jobs.states import State
+from service.live.broadcast import Broadcast
+from service.streams.states import State as StreamState
+from service.streams.stream import Stream
 
 router = APIRouter(prefix="/api/v1", tags=["operation"])
 
@@ -45,6 +49,9 @@ class OnAir(BaseModel):
     viewers: int
     fragments: int
     left_out: int = Field(description="fragments that slow viewers did not get")
+    silent_since: datetime | None = Field(
+        None, description="when the last frame came, of a stream that is not live now"
+    )
 
 
 class Status(BaseModel):
@@ -65,7 +72,8 @@ class Status(BaseModel):
                     "load": 1.5,
                     "cores": 2,
                     "streams": [
-                        {"name": "stage", "viewers": 2, "fragments": 1800, "left_out": 0}
+                        {"name": "stage", "viewers": 2, "fragments": 1800, "left_out": 0,
+                         "silent_since": None}
                     ],
                 }
             ]
@@ -95,6 +103,7 @@ def status(request: Request, client: Annotated[Client, require("read")]) -> Stat
             viewers=found.viewers,
             fragments=found.fragments,
             left_out=found.left_out,
+            silent_since=_silent_since(state.streams.get(name.removeprefix("streams/")), found),
         )
         for name, found in sorted(state.broadcasts.all().items())
         if name.startswith("streams/") and not name.endswith("/before") and not found.ended
@@ -114,6 +123,12 @@ def status(request: Request, client: Annotated[Client, require("read")]) -> Stat
         cores=os.cpu_count() or 1,
         streams=streams,
     )
+
+
+def _silent_since(stream: Stream | None, found: Broadcast) -> datetime | None:
+    if stream is None or stream.state is StreamState.LIVE or found.newest_at is None:
+        return None
+    return datetime.fromtimestamp(found.newest_at, UTC)
 
 
 def _sees(request: Request, client: Client, job_id: str) -> bool:

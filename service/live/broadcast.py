@@ -14,6 +14,7 @@ from __future__ import annotations
 import asyncio
 import math
 import threading
+import time
 from collections.abc import AsyncGenerator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -118,6 +119,8 @@ class Broadcast:
         self.ended = False
         self.fragments = 0
         """How many have come."""
+        self.newest_at: float | None = None
+        """When the newest came, seconds since the epoch; None before anything has come."""
         self.left_out = 0
         """Fragments that slow viewers did not get, added up over viewers."""
         self._lock = threading.Lock()
@@ -267,6 +270,7 @@ class Broadcast:
             self._segments.append(newest)
         newest.add(part)
         self.fragments += 1
+        self.newest_at = time.time()
 
     def _forget(self) -> None:
         """Let go of the oldest segments; the newest two stay."""

@@ -46,8 +46,9 @@ function showStreams(streams) {
 
 const pictureOf = ({ name }) => `/api/v1/streams/${encodeURIComponent(name)}/watch/result/latest.jpg`;
 
-function numbersOf({ viewers, fragments }) {
-  return `${viewers === 1 ? "1 viewer" : `${viewers} viewers`}, ${fragments} frames`;
+function numbersOf({ viewers, fragments, silent_since: since }) {
+  const said = `${viewers === 1 ? "1 viewer" : `${viewers} viewers`}, ${fragments} frames`;
+  return since ? `${said}, silent since ${moment(since)}` : said;
 }
 
 function streamItem(stream) {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from pipeline.media.live_encode import LiveEncoder
 from pipeline.stereo import StereoLayout
 from service.config import ServiceConfig
+from service.streams.states import Action
 from tests.service.http.test_watch import FPS, OnAir
 from tests.service.pages.test_pages import _pixels, _until, opened
 from tests.support.waiting import PATIENCE
@@ -170,6 +172,26 @@ def test_the_number_said_is_that_of_the_picture_drawn(chromium, station):
         )
     assert [said for _, said, _ in seen] == [frame for frame, _, _ in seen]
     assert [round((level - 30) / 4) for _, _, level in seen] == [n % 17 for n, _, _ in seen]
+
+
+def test_a_stream_that_is_silent_says_since_when(chromium, station):
+    stream = station.app.state.streams.get("cam")
+    with Camera(station) as camera:
+        stream.act(Action.BEGIN)
+        stream.act(Action.HEAR)
+        url = f"http://{station.address}/"
+        with opened(chromium, url, errors=("404",)) as page:  # nobody makes stills here
+            said = "document.querySelector('#streams [data-name=cam] .soft')?.textContent ?? ''"
+            _until(page, f"({said}).endsWith(' frames')")
+            camera.pause()
+            stream.act(Action.SILENCE)
+            _until(page, f"({said}).includes(', silent since ')")
+            status = page.evaluate("fetch('/api/v1/status').then((answer) => answer.json())")
+            (seen,) = (item for item in status["streams"] if item["name"] == "cam")
+            came = station.app.state.broadcasts.get("streams/cam").newest_at
+            assert datetime.fromisoformat(seen["silent_since"]).timestamp() == pytest.approx(came)
+            stream.act(Action.HEAR)
+            _until(page, f"({said}).endsWith(' frames')")
 
 
 def test_who_stands_on_a_stream_of_the_dashboard_is_left_there(chromium, station):
