@@ -22,6 +22,13 @@ MOST_EXTREME = 0.05
 LEAST_BALANCE = 0.3
 """Smallest |P − Q| / (P + Q) of an assessor who is kept for that alone."""
 
+FEWEST_SCREENED = 5
+"""With fewer assessors no vote of a presentation can be extreme, but where all votes are equal.
+
+Of n votes one lies √(n − 1) population standard deviations from their mean at most, which is
+below 2 for n < 5. Votes that are all equal stand at both thresholds.
+"""
+
 ROUNDING = 1e-9
 """Slack of the inclusive thresholds [units of the scale]: decides equality, nothing else."""
 

@@ -9,7 +9,7 @@ from dscqs.statistics.descriptive import Summary
 from dscqs.statistics.details import details
 from dscqs.statistics.details_text import details_lines
 from dscqs.statistics.document import DIRECTIONS
-from dscqs.statistics.screening import Variant
+from dscqs.statistics.screening import FEWEST_SCREENED, Variant
 
 
 def format_analysis(analyses: Sequence[Analysis]) -> str:
@@ -75,3 +75,11 @@ def _screening(analysis: Analysis) -> Iterator[str]:
             used = ", used" if variant is analysis.variant else ""
             names = ", ".join(rejected) if rejected else "nobody"
             yield f"screening of {display.display!r} ({variant.value} SD{used}): rejects {names}"
+        people = voters(display)
+        if people < FEWEST_SCREENED:
+            yield (
+                f"the screening of {display.display!r} means nothing: of "
+                f"{people} assessor{'s' * (people != 1)} nobody can be far from the mean, and "
+                "who is rejected is so for votes that are all equal (it needs "
+                f"{FEWEST_SCREENED} at least, ITU-R BT.500 asks for {FEWEST_ASSESSORS})"
+            )

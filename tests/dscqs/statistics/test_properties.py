@@ -20,7 +20,8 @@ from dscqs.statistics.likelihood import recover
 from dscqs.statistics.matrix import make_matrix
 from dscqs.statistics.missing import missing_votes
 from dscqs.statistics.normalise import remove_bias, z_scores
-from dscqs.statistics.screening import Variant, screen
+from dscqs.statistics.screening import FEWEST_SCREENED, Variant, screen
+from dscqs.statistics.text import format_analysis
 from dscqs.votes import Vote, make_table
 
 GRADE = st.integers(0, 1000).map(lambda tenths: tenths / 10)
@@ -157,6 +158,33 @@ def test_the_screening_is_applied_once(votes):
         if kept.size:
             assert cell.primary.after.mean == pytest.approx(kept.mean(), abs=1e-9)
     assert set(display.screenings[Variant.SAMPLE].rejected) == rejected
+
+
+@given(seed=st.integers(0, 2**32 - 1), people=st.integers(2, FEWEST_SCREENED - 1))
+@settings(max_examples=50, deadline=None)
+def test_of_few_assessors_nobody_is_far_from_the_mean(seed, people):
+    """The first vote of each stimulus is another one's than all others, the farthest it can be."""
+    rng = np.random.default_rng(seed)
+    votes = [
+        Vote(assessor=f"a{number}", condition=f"c{item}", content="x",
+             difference=float(rng.integers(1, 100)) * (number == item % people))
+        for number in range(people) for item in range(20)
+    ]  # fmt: skip
+    for variant in Variant:
+        found = screen(make_matrix(votes), variant).assessors
+        assert {(one.high, one.low) for one in found.values()} == {(0, 0)}
+        text = format_analysis(analyse(make_table(votes), variant))
+        assert "the screening of" in text
+        assert f"of {people} assessors nobody can be far from the mean" in text
+
+
+def test_of_as_many_as_are_needed_one_can_be_far_from_the_mean():
+    votes = [
+        Vote(assessor=f"a{number}", condition="c", content="x", difference=9.0 * (number == 0))
+        for number in range(FEWEST_SCREENED)
+    ]
+    assert screen(make_matrix(votes), Variant.POPULATION).assessors["a0"].high == 1
+    assert "means nothing" not in format_analysis(analyse(make_table(votes), Variant.POPULATION))
 
 
 @given(votes=tables(missing=False))
