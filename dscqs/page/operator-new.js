@@ -4,8 +4,8 @@ import { el, show } from "./dom.js";
 
 const ORDER = [
   ["repetitions", "Times each pair is shown"],
-  ["dummies", "Dummies at the start"],
-  ["coherence", "Pairs that come once more"],
+  ["dummies", "Dummies at the start", "Presentations that get people used to it: their votes do not count, which nobody is told."],
+  ["coherence", "Pairs that come once more", "The same for everybody: does an assessor grade a pair alike both times?"],
   ["break_every", "A break after so many (0: none)"],
   ["break_s", "Length of a break [s]"],
   ["seed", "Seed of the order"],
@@ -15,7 +15,7 @@ const SHOWING = [
   ["timing.grey_s", "Grey between [s]"],
   ["timing.showings", "Times A and B are shown in turn"],
   ["timing.vote_s", "Vote [s]"],
-  ["timing.tolerance_s", "Off by more has failed [s]"],
+  ["timing.tolerance_s", "Off by more has failed [s]", "A presentation with an interval that is this much too long or too short is offered again."],
   ["grey", "Level of the grey, 0 to 255"],
 ];
 const STAGES = {
@@ -27,8 +27,12 @@ const STAGES = {
 };
 const TRY_AFTER_MS = 250;
 
-function field(label, input) {
-  return el("label", { class: "field" }, el("span", { text: label }), input);
+function field(label, input, hint = null) {
+  const labelled = el("label", { class: "field" }, el("span", { text: label }), input);
+  if (!hint) return labelled;
+  const id = `hint-${input.name}`;
+  input.setAttribute("aria-describedby", id);
+  return el("div", {}, labelled, el("small", { class: "muted", id, text: hint }));
 }
 
 function counted(number, what) {
@@ -129,11 +133,11 @@ function head(text) {
 }
 
 function numbers(names, making) {
-  return names.map(([name, text]) => {
+  return names.map(([name, text, hint]) => {
     const { usual, least, most, whole } = making.numbers[name];
     return field(text, el("input", {
       type: "number", name, value: usual, min: least, max: most, step: whole ? 1 : "any",
-    }));
+    }), hint);
   });
 }
 

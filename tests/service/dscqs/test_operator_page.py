@@ -68,10 +68,18 @@ def test_an_operator_makes_a_test_and_sees_it_through(page, served, make_http, o
     page.get_by_label("fatigue after").uncheck()
     page.get_by_label("Training contents").fill("meadow")
     page.get_by_label("Dummies at the start").fill("1")
+    for label, hint in (("Dummies at the start", "do not count"),
+                        ("Pairs that come once more", "both times"),
+                        ("Off by more has failed [s]", "offered again")):  # fmt: skip
+        described = page.get_by_label(label).get_attribute("aria-describedby")
+        assert hint in page.locator(f"[id='{described}']").inner_text()
     page.get_by_label("Name", exact=True).fill("Thesis, set 1")
     page.get_by_label("autostereoscopic").check()
     page.get_by_text("2 contents × 2 conditions against “original”: 5 presentations").wait_for()
     _look(page, "operator-new")
+    page.set_viewport_size({"width": 360, "height": 740})
+    assert page.evaluate("document.documentElement.scrollWidth") == 360
+    page.set_viewport_size({"width": 1360, "height": 900})
     page.get_by_role("button", name="Make the test").click()
 
     page.get_by_role("heading", name="Thesis, set 1").wait_for()
