@@ -163,9 +163,20 @@ function requestOf(form) {
     output: {
       layout: data.get("layout"), container: data.get("container"),
       frames: data.has("frames"), master: data.has("master"),
+      sound: data.has("sound") ? "copy" : "none",
+      ...(data.get("codec") && { codec: data.get("codec") }),
     },
     priority: Number(data.get("priority") || 0),
   };
+}
+
+/** Offer the codecs that the chosen kind of file holds. */
+function offerCodecs() {
+  const { codec, container } = place("form").elements;
+  for (const option of codec.options) {
+    option.disabled = Boolean(option.value) && !option.dataset.in.split(" ").includes(container.value);
+  }
+  if (codec.selectedOptions[0].disabled) codec.value = "";
 }
 
 async function submit({ files, folder }) {
@@ -229,6 +240,8 @@ place("more").addEventListener("click", () => {
   shown = Math.min(500, shown + 5 * PAGE);
   trying(refresh);
 });
+place("form").elements.container.addEventListener("change", offerCodecs);
+offerCodecs();
 listenForScenes();
 trying(showLeave);
 repeat(refresh, 2);

@@ -15,6 +15,7 @@ import pytest
 
 from pipeline.baselines import bicubic
 from pipeline.grid import Grid, Sampling
+from pipeline.media.video_format import CODECS
 from pipeline.stereo import anaglyph
 from service.config import ServiceConfig
 from tests.service.http.test_api import follow
@@ -349,12 +350,34 @@ def test_a_video_is_read_as_the_form_says(chromium, live_service, tmp_path):
         page.locator("summary").click()
         page.locator("[name=input_layout]").select_option("half-sbs")
         page.locator("[name=temporal]").select_option("warm")
+        page.locator("[name=container]").select_option("mp4")
+        page.locator("[name=codec]").select_option("hevc")
+        page.get_by_label("Sound of the video").uncheck()
         page.locator("#files").set_input_files(str(video))
         page.wait_for_url("**/jobs/*")
         made = page.url.rpartition("/")[2]
     asked = httpx.get(f"{live_service.url}/api/v1/jobs/{made}", timeout=PATIENCE).json()["request"]
     assert asked["input"] == {"input_layout": "half-sbs"}
     assert asked["settings"] == {"temporal": "warm"}
+    said = {name: asked["output"][name] for name in ("container", "codec", "sound")}
+    assert said == {"container": "mp4", "codec": "hevc", "sound": "none"}
+
+
+def test_the_form_offers_the_codecs_that_a_file_holds(chromium, live_service):
+    with opened(chromium, live_service.url, width=360) as page:
+        page.locator("summary").click()
+        assert page.evaluate("document.documentElement.scrollWidth") == 360
+        for container, codecs in CODECS.items():
+            page.locator("[name=codec]").select_option("")
+            page.locator("[name=container]").select_option(container)
+            offered = page.locator("[name=codec] option:enabled").evaluate_all(
+                "options => options.map((option) => option.value)"
+            )
+            assert set(offered) == {"", *codecs}
+        page.locator("[name=container]").select_option("mkv")
+        page.locator("[name=codec]").select_option("ffv1")
+        page.locator("[name=container]").select_option("webm")
+        assert page.locator("[name=codec]").input_value() == ""
 
 
 def test_the_time_left_is_told_by_the_pace_of_the_last_frames(chromium, live_service, job):
