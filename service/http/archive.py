@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from urllib.parse import quote
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
@@ -42,7 +43,8 @@ def archive(request: Request, job_id: JobId, client: Reader) -> Response:
     if not files:
         raise ProblemError("not-found", "the job has no results")
     name = f"{record.request.get('name', 'result')}-{record.id[:8]}.zip"
-    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    called = f'filename="{name}"' if name.isascii() else f"filename*=UTF-8''{quote(name)}"
+    headers = {"Content-Disposition": f"attachment; {called}"}
     content = iter(()) if request.method == "HEAD" else zipped(files)
     return StreamingResponse(content, media_type="application/zip", headers=headers)
 

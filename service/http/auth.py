@@ -14,6 +14,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from fastapi import Depends, Request, WebSocket
 from fastapi.requests import HTTPConnection
@@ -72,11 +73,10 @@ class Tokens:
     def sign(self, path: str, client: str) -> str:
         """Return the path with a signature that lets anybody read it for a while."""
         if not self.are_needed:
-            return path
+            return quote(path)
         expires = int(time.time()) + LINK_SECONDS
-        return (
-            f"{path}?client={client}&expires={expires}&signature={self._mac(path, client, expires)}"
-        )
+        signature = self._mac(path, client, expires)
+        return f"{quote(path)}?client={client}&expires={expires}&signature={signature}"
 
     def signed_client(self, path: str, query: Any) -> Client | None:
         """Return who signed the address, if it is still good."""

@@ -289,7 +289,7 @@ def _under_a_root(scene: str | None, roots: tuple[Path, ...]) -> Path:
 
 
 def _stem(asked: JobRequest, scene: Path, folder: Path) -> str:
-    """Return what the job's files are called: of plain letters, as its own name or its scene."""
+    """Return what the job's files are called: as it is, or its scene, in letters and digits."""
     of = scene.parent if scene.name == "scene.json" else scene
     if of == folder / "input":
         pairs = {name_of_pair(path, "scene") for path in of.iterdir()}

@@ -37,6 +37,9 @@ _TELLING_WORD = re.compile(r"3d|sbs|tab", re.IGNORECASE)
 MAX_NAME = 200
 """Longest name of an uploaded file, characters."""
 
+MAX_STEM = 120
+"""Longest name of a job's files, bytes of UTF-8: file systems take 255 with all that is added."""
+
 
 def fields_model(
     name: str,
@@ -237,16 +240,17 @@ def layout_token(layout: str) -> str:
 
 
 def plain_name(name: str) -> str:
-    """Return a name in letters, digits and hyphens that every file system and header takes.
+    """Return a name in letters, digits and hyphens, of any script, that every file system takes.
 
-    Accents fall off.
-
-    >>> plain_name("Ürün 2"), plain_name("café/clip.mov"), plain_name("休日")
-    ('Urun-2', 'cafe-clip-mov', '')
+    >>> plain_name("Łódź 2"), plain_name("café/clip.mov"), plain_name("休日")
+    ('Łódź-2', 'café-clip-mov', '休日')
     """
-    letters = (c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))
-    kept = ("-" if not c.isascii() or not (c.isalnum() or c in "-_") else c for c in letters)
-    return "".join(kept)[:60].strip("-")
+    kept = ""
+    for letter in unicodedata.normalize("NFKC", name):
+        # of Thai or Hindi, say, vowels are marks
+        is_mark = unicodedata.category(letter) in ("Mn", "Mc") and kept[-1:] not in ("", "-")
+        kept += letter if letter.isalnum() or letter in "-_" or is_mark else "-"
+    return kept.encode()[:MAX_STEM].decode(errors="ignore").strip("-")
 
 
 def safe_name(name: str) -> str | None:

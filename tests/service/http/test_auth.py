@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import io
 import time
+import zipfile
+from urllib.parse import quote
 
 import httpx
 import pytest
@@ -41,7 +44,7 @@ def test_scopes_owners_cookies_and_signed_addresses(make_service, tokens, tiny_s
             assert answer.headers["www-authenticate"] == "Bearer"
         assert api.get("/healthz").status_code == 200
         assert api.get("/metrics").status_code == 401
-        body = {"scene": "tiny", "input": {"frames": ":1"}}
+        body = {"scene": "tiny", "name": "Łódź, 休日", "input": {"frames": ":1"}}
         assert api.post("/api/v1/jobs", json=body, headers=_bearer("rita")).status_code == 403
         job = api.post("/api/v1/jobs", json=body, headers=_bearer("anna")).json()["id"]
         where = f"/api/v1/jobs/{job}"
@@ -50,8 +53,16 @@ def test_scopes_owners_cookies_and_signed_addresses(make_service, tokens, tiny_s
         assert api.get("/api/v1/jobs", headers=_bearer("bert")).json()["jobs"] == []
         stream = {**_bearer("anna"), "Accept": "text/event-stream"}
         assert '"succeeded"' in api.get(f"{where}/events", headers=stream).text
-        url = api.get(f"{where}/results", headers=_bearer("anna")).json()[0]["url"]
-        assert api.get(url).status_code == 200
+        files = api.get(f"{where}/results", headers=_bearer("anna")).json()
+        names = ["report.json", "Łódź--休日_3D_SBS_LR.mkv"]
+        assert [item["name"] for item in files] == names
+        for item in files:
+            assert item["url"].isascii()
+            assert len(api.get(item["url"]).content) == item["size"]
+        packed = api.get(f"{where}/archive", headers=_bearer("anna"))
+        assert quote("Łódź--休日") in packed.headers["content-disposition"]
+        assert zipfile.ZipFile(io.BytesIO(packed.content)).namelist() == names
+        url = files[0]["url"]
         assert api.get(url[:-1] + "x").status_code == 401
         assert api.get(url.replace("report.json", "other")).status_code == 401
         assert api.delete(f"{where}?{url.partition('?')[2]}").status_code == 401
