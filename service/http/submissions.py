@@ -178,7 +178,7 @@ def _take(
         job_id = uuid.uuid4().hex
         folder = job_folder(state.config.data, job_id)
         try:
-            scene = _scene(request, client, asked, files, folder / "input")
+            scene = _scene(request, client, asked, files, _input(asked, folder))
             name = _stem(asked, scene, folder)
             _check_forms(asked, make_job(asked, scene, folder / "results", name=name), name)
             record, _ = state.store.create_job(
@@ -232,6 +232,11 @@ def _digest(text: str, files: list[UploadFile]) -> str:
         total.update(hashlib.file_digest(item.file, "sha256").digest())  # type: ignore[arg-type]
         item.file.seek(0)
     return total.hexdigest()
+
+
+def _input(asked: JobRequest, folder: Path) -> Path:
+    """Return the folder of the files that are sent: of the job's name, which may tell the scene."""
+    return folder / "input" / plain_name(asked.name or "")
 
 
 def _scene(
