@@ -3,7 +3,8 @@
 Not in the thesis. From one frame to the next most of it seems to stand still, but what is kept of
 it lags behind. What tells it is that it changes as it did a frame before, in most of its blocks;
 what only moves in front of something does so in some, and noise in none. Noise that a codec has
-left does go on, and what is finer than detail with it: that much of it is taken off.
+left does go on, and what is finer than detail with it: that much of it is taken off. A focus that
+is pulled goes on there, too, but changes the contrast of most blocks alike, which noise does not.
 """
 
 from __future__ import annotations
@@ -40,6 +41,10 @@ CALM = 1 / 4
 PASSED = 1 / 4
 """Power of a camera's noise in half-size pictures, over that in what is finest."""
 
+LEFT = 0.995
+"""Share of a block's power over that span that is left at most where the focus is pulled, whatever
+light does; one over it where it comes back."""
+
 FEWEST = 64
 """Blocks below which nothing is said: things that move reach into most of so few."""
 
@@ -56,6 +61,8 @@ class Detail:
     finest: GreyImage
     """(h, w): of the four pixels of each, what differs along both axes, grey levels: noise above
     all, of the same power as in the picture."""
+    light: GreyImage
+    """(h, w): the mean that is taken off, grey levels."""
 
 
 def detail_of(luma: GreyImage) -> Detail:
@@ -66,7 +73,8 @@ def detail_of(luma: GreyImage) -> Detail:
     around = cv2.blur(small, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
     even = luma[: 2 * (height // 2), : 2 * (width // 2)]
     along = even[:, ::2] - even[:, 1::2]
-    return Detail(coarse=small - around, finest=np.float32(0.5) * (along[::2] - along[1::2]))
+    finest = np.float32(0.5) * (along[::2] - along[1::2])
+    return Detail(coarse=small - around, finest=finest, light=around)
 
 
 def goes_on_changing(details: Sequence[Detail], noise: float) -> bool:
@@ -95,7 +103,22 @@ def goes_on_changing(details: Sequence[Detail], noise: float) -> bool:
     power = _in_blocks(changes[0] ** 2 + changes[1] ** 2) / 2
     share, finest = _noise_that_agrees(now.finest - before.finest, last.finest - first.finest)
     bound = finest if share > 0 else PASSED * finest
-    return _least_of_most(agreeing - share * np.minimum(power, bound)) > slowest
+    if _least_of_most(agreeing - share * np.minimum(power, bound)) > slowest:
+        return True
+    if share <= 0:
+        return False
+    contrast = _contrast_changes(before, now)
+    return contrast != 0 and contrast == _contrast_changes(first, last)
+
+
+def _contrast_changes(before: Detail, now: Detail) -> int:
+    """Return 1 where the contrast of most blocks rises, -1 where it falls, 0 where neither."""
+    power, other = _in_blocks(now.coarse**2), _in_blocks(before.coarse**2)
+    # a gain changes contrast as it does light, an offset changes light alone: neither counts
+    light = np.median(_in_blocks(now.light) / np.maximum(_in_blocks(before.light), 1)) ** 2
+    falls = power < LEFT * min(1, light) * other
+    rises = LEFT * power > max(1, light) * other
+    return int(rises.mean() >= IN_BLOCKS) - int(falls.mean() >= IN_BLOCKS)
 
 
 def _noise_that_agrees(now: GreyImage, before: GreyImage) -> tuple[float, float]:

@@ -16,12 +16,13 @@ NOISE = 2.0
 HEIGHT, WIDTH = 120, 160
 
 
-def _picture(seed):
+def _picture(seed, smoothness=1.5):
     coarse = np.random.default_rng(seed).uniform(40, 210, (HEIGHT, WIDTH)).astype(np.float32)
-    return cv2.GaussianBlur(coarse, (0, 0), 1.5)
+    return cv2.GaussianBlur(coarse, (0, 0), smoothness)
 
 
 GROUND, OTHER = _picture(0), _picture(1)
+FINE = _picture(0, smoothness=0.8)
 
 
 def _shifted(pixels):
@@ -75,6 +76,34 @@ def test_a_drift_is_noticed_through_a_codec(tmp_path, quality):
     film = tmp_path / "film.mkv"
     found = _found_through_a_codec(film, lambda number: _shifted(0.15 * number), quality)
     assert all(found[5:])
+
+
+@pytest.mark.parametrize("quality", [18, 23])
+@pytest.mark.parametrize(
+    "blur", [lambda number: 0.05 * (number + 1), lambda number: 1 - 0.05 * number]
+)
+def test_a_slow_pull_of_the_focus_is_noticed_through_a_codec(tmp_path, blur, quality):
+    """The finest goes on changing with it, as a codec's noise does; contrast tells."""
+    film = tmp_path / "film.mkv"
+    found = _found_through_a_codec(
+        film, lambda number: cv2.GaussianBlur(FINE, (0, 0), blur(number)), quality
+    )
+    assert sum(found[8:]) >= 8
+
+
+@pytest.mark.parametrize("quality", [18, 23])
+@pytest.mark.parametrize(
+    "light",
+    [
+        lambda number: FINE * (1 + 0.003 * number),
+        lambda number: FINE * (1 - 0.003 * number),
+        lambda number: FINE - 0.3 * number,
+    ],
+)
+def test_slow_light_through_a_codec_is_no_drift(tmp_path, light, quality):
+    """A gain changes contrast, too, but as much as light."""
+    found = _found_through_a_codec(tmp_path / "film.mkv", light, quality)
+    assert not any(found[6:])
 
 
 @pytest.mark.parametrize("pixels", [0.28, 0.4])
