@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.registration.kernels import OPTIONS, value_at
+from pipeline.registration.kernels import LEAN, OPTIONS, value_at
 from pipeline.registration.window_kernels import OUTSIDE, row_of_motion
 
 LARGEST_ENERGY = np.float32(2500.0)
 """Squared residuals are cut off here where motions are compared, grey levels²."""
+
+EXACT = {**LEAN, "fastmath": False}
+"""Of a division that must not become a product with the reciprocal."""
 
 
 @njit(**OPTIONS)
@@ -76,83 +79,162 @@ def choose_windows(
     for p in range(windows.shape[0]):
         widest = max(widest, windows[p, 2] - windows[p, 0])
         tallest = max(tallest, windows[p, 3] - windows[p, 1])
-    energy = np.empty((tallest, widest), np.float32)
-    smooth = np.empty((tallest, widest), np.float32)
+    larger = max(widest, tallest)
+    scratch = (
+        np.empty((widest, tallest), np.float32), np.empty((tallest, widest), np.float32),
+        np.empty(larger, np.float32), np.empty(larger, np.float64),
+        np.arange(source.shape[1]).astype(np.float32),
+    )  # fmt: skip
+    samples = residual, gradient_x, gradient_y, move_u, move_v
+    _choose(
+        source, reference, nearness, windows, reach, ranges, motion, candidates, renewed,
+        np.float32(agreement * agreement), radius, mismatch, samples, scratch, best, cost,
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _choose(
+    source, reference, nearness, windows, reach, ranges, motion, candidates, renewed, limit, radius,
+    mismatch, samples, scratch, best, cost,
+):  # fmt: skip
+    """Do what :func:`choose_windows` says; ``limit`` is the square of its ``agreement``."""
+    energy, smooth, sums, means, places = scratch
     zero = np.float32(0.0)
-    limit = np.float32(agreement * agreement)
-    linear = np.float32(0.25)
     for p in range(windows.shape[0]):
         if not candidates[p]:
             continue
         x0, y0, x1, y1 = reach[p, 0], reach[p, 1], reach[p, 2], reach[p, 3]
-        # where it dissents, with what the box around needs
-        left, top, right, bottom = x1, y1, x0, y0
-        for y in range(y0, y1):
-            au, bu, av, bv = row_of_motion(windows, motion, p, np.int64(y))
-            farthest = zero
-            for x in range(x0, x1):
-                du = au + bu * np.float32(x) - move_u[y, x]
-                dv = av + bv * np.float32(x) - move_v[y, x]
-                farthest = max(farthest, (du * du + dv * dv) * np.float32(renewed[y, x]))
-            if farthest <= limit:
-                continue
-            top = min(top, y)
-            bottom = y + 1
-            for x in range(x0, x1):
-                du = au + bu * np.float32(x) - move_u[y, x]
-                dv = av + bv * np.float32(x) - move_v[y, x]
-                if renewed[y, x] and du * du + dv * dv > limit:
-                    left = min(left, x)
-                    right = max(right, x + 1)
+        left, top, right, bottom = _dissent(
+            windows, motion, p, reach[p], renewed, samples[3], samples[4], places, limit
+        )
         if right <= left:
             continue
+        # with what the box around needs
         x0, x1 = max(x0, left - radius), min(x1, right + radius)
         y0, y1 = max(y0, top - radius), min(y1, bottom + radius)
         rows = y1 - y0
         columns = x1 - x0
-        zeta = np.float32(motion[p, 12])
-        for y in range(y0, y1):
-            au, bu, av, bv = row_of_motion(windows, motion, p, np.int64(y))
-            for x in range(x0, x1):
-                u = au + bu * np.float32(x)
-                v = av + bv * np.float32(x)
-                du = u - move_u[y, x]
-                dv = v - move_v[y, x]
-                if renewed[y, x] and du * du + dv * dv <= linear:
-                    # the residual holds ζ of the owner, which differs little
-                    e = residual[y, x] + gradient_x[y, x] * du + gradient_y[y, x] * dv
-                else:
-                    value = value_at(reference, np.float32(x) + u, np.float32(y) + v)
-                    e = value - source[y, x] + zeta if np.isfinite(value) else OUTSIDE
-                energy[y - y0, x - x0] = min(e * e, LARGEST_ENERGY)
+        _energies(source, reference, windows, motion, p, (x0, y0, x1, y1), renewed, samples, energy)
         for y in range(rows):
-            total = zero
-            for x in range(min(radius, columns)):
-                total += energy[y, x]
-            for x in range(columns):
-                if x + radius < columns:
-                    total += energy[y, x + radius]
-                if x - radius - 1 >= 0:
-                    total -= energy[y, x - radius - 1]
-                n = min(x + radius, columns - 1) - max(x - radius, 0) + 1
-                smooth[y, x] = total / n
+            sums[y] = zero
+        for x in range(min(radius, columns)):
+            _add(energy[x], rows, sums)
         for x in range(columns):
-            total = zero
-            for y in range(min(radius, rows)):
-                total += smooth[y, x]
+            if x + radius < columns:
+                _add(energy[x + radius], rows, sums)
+            if x - radius - 1 >= 0:
+                _subtract(energy[x - radius - 1], rows, sums)
+            n = min(x + radius, columns - 1) - max(x - radius, 0) + 1
+            _mean(sums, rows, n, means)
             for y in range(rows):
-                if y + radius < rows:
-                    total += smooth[y + radius, x]
-                if y - radius - 1 >= 0:
-                    total -= smooth[y - radius - 1, x]
-                n = min(y + radius, rows - 1) - max(y - radius, 0) + 1
-                value = max(total, zero) / n
-                d = nearness[y0 + y, x0 + x]
+                smooth[np.uint64(y), np.uint64(x)] = means[y]
+        for x in range(columns):
+            sums[x] = zero
+        for y in range(min(radius, rows)):
+            _add(smooth[y], columns, sums)
+        for y in range(rows):
+            if y + radius < rows:
+                _add(smooth[y + radius], columns, sums)
+            if y - radius - 1 >= 0:
+                _subtract(smooth[y - radius - 1], columns, sums)
+            n = min(y + radius, rows - 1) - max(y - radius, 0) + 1
+            _mean(sums, columns, n, means)
+            row = np.uint64(y0 + y)
+            for k in range(columns):
+                x = np.uint64(x0 + k)
+                d = nearness[row, x]
                 away = max(ranges[p, 0] - d, d - ranges[p, 1], zero)
-                value += mismatch * away * away
-                if renewed[y0 + y, x0 + x] and value < cost[y0 + y, x0 + x]:
-                    cost[y0 + y, x0 + x] = value
-                    best[y0 + y, x0 + x] = p
+                value = means[k] + mismatch * away * away
+                if renewed[row, x] and value < cost[row, x]:
+                    cost[row, x] = value
+                    best[row, x] = p
+
+
+@njit(**LEAN)
+def _dissent(windows, motion, p, box, renewed, move_u, move_v, places, limit):
+    """Return the box (x0, y0, x1, y1) around the pixels where a window dissents; x1 ≤ x0: none.
+
+    Parameters
+    ----------
+    box : (4,) int32
+        Where it is looked for.
+    places : (W,) float32
+        The columns' numbers.
+    limit : float32
+        Square of the difference of displacements from which it does.
+    """
+    x0, y0, x1, y1 = box[0], box[1], box[2], box[3]
+    left, top, right, bottom = x1, y1, x0, y0
+    for y in range(y0, y1):
+        row = np.uint64(y)
+        au, bu, av, bv = row_of_motion(windows, motion, p, np.int64(y))
+        found = False
+        for k in range(x0, x1):
+            x = np.uint64(k)
+            du = au + bu * places[x] - move_u[row, x]
+            dv = av + bv * places[x] - move_v[row, x]
+            found |= (du * du + dv * dv > limit) & renewed[row, x]
+        if not found:
+            continue
+        top = min(top, y)
+        bottom = y + 1
+        for k in range(x0, x1):
+            x = np.uint64(k)
+            du = au + bu * places[x] - move_u[row, x]
+            dv = av + bv * places[x] - move_v[row, x]
+            if renewed[row, x] and du * du + dv * dv > limit:
+                left = min(left, k)
+                right = max(right, k + 1)
+    return left, top, right, bottom
+
+
+@njit(**LEAN)
+def _energies(source, reference, windows, motion, p, box, renewed, samples, energy):
+    """Write the squared residuals in a box, (x0, y0, x1, y1), at the motion of a window.
+
+    ``energy`` has a line for each column, so that sums along rows are taken of all rows at once.
+    """
+    residual, gradient_x, gradient_y, move_u, move_v = samples
+    x0, y0, x1, y1 = box
+    linear = np.float32(0.25)
+    zeta = np.float32(motion[p, 12])
+    for y in range(y0, y1):
+        row, down = np.uint64(y), np.uint64(y - y0)
+        au, bu, av, bv = row_of_motion(windows, motion, p, np.int64(y))
+        for k in range(x0, x1):
+            x = np.uint64(k)
+            u = au + bu * np.float32(k)
+            v = av + bv * np.float32(k)
+            du = u - move_u[row, x]
+            dv = v - move_v[row, x]
+            if renewed[row, x] and du * du + dv * dv <= linear:
+                # the residual holds ζ of the owner, which differs little
+                e = residual[row, x] + gradient_x[row, x] * du + gradient_y[row, x] * dv
+            else:
+                value = value_at(reference, np.float32(k) + u, np.float32(y) + v)
+                e = value - source[row, x] + zeta if np.isfinite(value) else OUTSIDE
+            energy[np.uint64(k - x0), down] = min(e * e, LARGEST_ENERGY)
+
+
+@njit(**LEAN)
+def _add(row, size, sums):
+    """Add as many first numbers of a row to sums."""
+    for x in range(size):
+        sums[x] += row[x]
+
+
+@njit(**LEAN)
+def _subtract(row, size, sums):
+    """Take as many first numbers of a row from sums."""
+    for x in range(size):
+        sums[x] -= row[x]
+
+
+@njit(**EXACT)
+def _mean(sums, size, count, out):
+    """Write sums, not below zero, divided by how many numbers they are of."""
+    for x in range(size):
+        out[x] = max(sums[x], np.float32(0.0)) / count
 
 
 @njit(**OPTIONS)
@@ -184,7 +266,6 @@ def blend_windows(
     height, width = best.shape
     closeness = np.float32(1 / (agreement * agreement))
     one = np.float32(1.0)
-    zero = np.float32(0.0)
     total = np.zeros((height, width), np.float32)
     sum_u = np.zeros((height, width), np.float32)
     sum_v = np.zeros((height, width), np.float32)
@@ -196,29 +277,8 @@ def blend_windows(
                 au, bu, av, bv = row_of_motion(windows, motion, np.int64(p), y)
                 move_u[y, x] = au + bu * np.float32(x)
                 move_v[y, x] = av + bv * np.float32(x)
-    for p in range(windows.shape[0]):
-        if not candidates[p]:
-            continue
-        x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
-        xc = np.float32(0.5 * (x0 + x1 - 1))
-        yc = 0.5 * (y0 + y1 - 1)
-        inverse_x = np.float32(1 / (0.5 * (x1 - x0) + 0.5))
-        reach_y = 0.5 * (y1 - y0) + 0.5
-        zeta = np.float32(motion[p, 12])
-        for y in range(reach[p, 1], reach[p, 3]):
-            fall_y = np.float32(1 - abs(y - yc) / reach_y)
-            au, bu, av, bv = row_of_motion(windows, motion, p, np.int64(y))
-            for x in range(reach[p, 0], reach[p, 2]):
-                at = np.float32(x)
-                du = au + bu * at - move_u[y, x]
-                dv = av + bv * at - move_v[y, x]
-                near = max(one - (du * du + dv * dv) * closeness, zero)
-                fall = max(fall_y * (one - abs(at - xc) * inverse_x), np.float32(1e-3))
-                w = fall * near * near
-                total[y, x] += w
-                sum_u[y, x] += w * du
-                sum_v[y, x] += w * dv
-                zetas[y, x] += w * zeta
+    sums = total, sum_u, sum_v, zetas
+    _gather(windows, reach, motion, candidates, move_u, move_v, closeness, sums)
     for y in range(height):
         for x in range(width):
             if not renewed[y, x]:
@@ -232,3 +292,36 @@ def blend_windows(
                 position[y, x, 0] = np.nan
                 position[y, x, 1] = np.nan
                 offset[y, x] = 0
+
+
+@njit(**LEAN)
+def _gather(windows, reach, motion, candidates, move_u, move_v, closeness, sums):
+    """Add up, for each pixel, the weights of the windows around and what they weigh."""
+    one = np.float32(1.0)
+    zero = np.float32(0.0)
+    total, sum_u, sum_v, zetas = sums
+    for p in range(windows.shape[0]):
+        if not candidates[p]:
+            continue
+        x0, y0, x1, y1 = windows[p, 0], windows[p, 1], windows[p, 2], windows[p, 3]
+        xc = np.float32(0.5 * (x0 + x1 - 1))
+        yc = 0.5 * (y0 + y1 - 1)
+        inverse_x = np.float32(1 / (0.5 * (x1 - x0) + 0.5))
+        reach_y = 0.5 * (y1 - y0) + 0.5
+        zeta = np.float32(motion[p, 12])
+        for y in range(reach[p, 1], reach[p, 3]):
+            row = np.uint64(y)
+            fall_y = np.float32(1 - abs(y - yc) / reach_y)
+            au, bu, av, bv = row_of_motion(windows, motion, p, np.int64(y))
+            for k in range(reach[p, 0], reach[p, 2]):
+                x = np.uint64(k)
+                at = np.float32(k)
+                du = au + bu * at - move_u[row, x]
+                dv = av + bv * at - move_v[row, x]
+                near = max(one - (du * du + dv * dv) * closeness, zero)
+                fall = max(fall_y * (one - abs(at - xc) * inverse_x), np.float32(1e-3))
+                w = fall * near * near
+                total[row, x] += w
+                sum_u[row, x] += w * du
+                sum_v[row, x] += w * dv
+                zetas[row, x] += w * zeta

@@ -21,6 +21,9 @@ OPTIONS = {
     "fastmath": {"contract", "reassoc", "nsz", "arcp"},
 }
 
+LEAN = {**OPTIONS, "_nrt": False}
+"""Of loops that make no array, and need not count who holds one."""
+
 INLINED = {**OPTIONS, "forceinline": True}
 """Of what :func:`fit_patches` calls. Else it runs one machine code where it was just compiled and
 another one where it is loaded from the cache, whose sums are rounded in another order."""
@@ -114,14 +117,14 @@ def value_at(coefficients, x, y):
     return y0 * above + y1 * own + y2 * below
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def copy(source, target):
     """Write numbers into as many others; assigning to a slice takes far longer to compile."""
     for k in range(source.size):
         target[k] = source[k]
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def solve(matrix, rhs):
     """Solve the symmetric positive definite system in place by Cholesky; False if it is not."""
     size = rhs.size

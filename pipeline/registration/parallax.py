@@ -117,8 +117,31 @@ def _correlation(patch, energy, reference, cx, cy, radius):
             cross += patch[a, b] * value
             total += value
             square += value * value
+    return _normalised(cross, total, square, energy, side)
+
+
+@njit(nogil=True, cache=True, error_model="numpy", _nrt=False)
+def _normalised(cross, total, square, energy, side):
+    """Return the correlation of a zero-mean patch with what the sums were taken of."""
     spread = square - total * total / (side * side)
     return cross / np.sqrt(energy * max(spread, np.float32(1e-3)) + np.float32(1e-3))
+
+
+@njit(nogil=True, cache=True, error_model="numpy", _nrt=False)
+def _sum_along(patch, reference, left, top, count, sums):
+    """Write the three sums of a correlation at every second column, many beside each other."""
+    cross, total, square = sums[0], sums[1], sums[2]
+    for n in range(count):
+        cross[n] = total[n] = square[n] = np.float32(0.0)
+    for a in range(patch.shape[0]):
+        row = np.uint64(top + a)
+        for b in range(patch.shape[1]):
+            tap = patch[a, b]
+            for n in range(count):
+                value = reference[row, np.uint64(left + b + 2 * n)]
+                cross[n] += tap * value
+                total[n] += value
+                square[n] += value * value
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -131,6 +154,7 @@ def _search(source, reference, points, radius, reach_x, reach_y, shift, score):
     side = 2 * radius + 1
     patch = np.empty((side, side), np.float32)
     near = np.empty((3, 3), np.float32)
+    sums = np.empty((3, reach_x + 1), np.float32)
     for k in range(points.shape[0]):
         px, py = points[k, 0], points[k, 1]
         mean = np.float32(0.0)
@@ -153,11 +177,13 @@ def _search(source, reference, points, radius, reach_x, reach_y, shift, score):
                 continue
             first = max(-reach_x, radius - px)
             last = min(reach_x, width - radius - 1 - px)
-            for dx in range(first, last + 1, 2):
-                ncc = _correlation(patch, energy, reference, px + dx, cy, radius)
+            count = max(0, (last - first) // 2 + 1)
+            _sum_along(patch, reference, px + first - radius, cy - radius, count, sums)
+            for n in range(count):
+                ncc = _normalised(sums[0, n], sums[1, n], sums[2, n], energy, side)
                 if ncc > best:
                     best = ncc
-                    best_x = dx
+                    best_x = first + 2 * n
                     best_y = dy
         # climb to the very top, one pixel at a time
         for _ in range(3):

@@ -21,6 +21,7 @@ from pipeline.registration.kernels import (
     DEGENERATE,
     FITTED,
     HISTOGRAM_BINS,
+    LEAN,
     MAD_TO_SIGMA,
     OPTIONS,
     RAN_AWAY,
@@ -34,7 +35,7 @@ OUTSIDE = np.float32(1e6)
 """Residual of a pixel that lands outside the reference, grey levels."""
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def row_of_motion(windows, motion, p, y):
     """Return (a_u, b_u, a_v, b_v): patch p moves a pixel (x, y) by u = a_u + b_u x, v likewise."""
     xc = 0.5 * (windows[p, 0] + windows[p, 2] - 1)
@@ -52,7 +53,7 @@ def row_of_motion(windows, motion, p, y):
     )
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _median(values, count, mean, histogram):
     """Return the median of so many magnitudes, from a histogram of eight times their mean."""
     width = max(8.0 * mean, 1e-3)
@@ -69,7 +70,7 @@ def _median(values, count, mean, histogram):
     return (b + 0.5) * width / HISTOGRAM_BINS
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _moments(residual, gradient_x, gradient_y, place_x, place_y, count, cut, sums):
     """Write the sums over samples that a robust Gauss–Newton step is made of.
 
@@ -181,6 +182,8 @@ def sum_cells(
     half = np.float32(0.5)
     pitch = stride * finer
     line = reference.shape[1]
+    # places are not negative, and unsigned numbers need no check that they are
+    one, two, below = np.uint64(1), np.uint64(2), np.uint64(line)
     limit_x = np.float32(line - 4) - half
     limit_y = np.float32(reference.shape[0] - 4) - half
     coarser = np.float32(1 / finer)
@@ -212,20 +215,22 @@ def sum_cells(
             au, bu, av, bv = row_of_motion(windows, motion, p, row)
             for j in range((cells[p, 0] + pitch - 1) // pitch, (cells[p, 2] + pitch - 1) // pitch):
                 column = j * pitch
-                if owners[row, column] != p:
+                if owners[np.uint64(row), np.uint64(column)] != p:
                     continue
                 within += 1
+                y_at, x_at = np.uint64(i), np.uint64(j)
+                y_in, x_in = np.uint64(i * stride), np.uint64(j * stride)
                 u = au + bu * np.float32(column)
                 v = av + bv * np.float32(column)
                 x = (np.float32(column) + u) * coarser
                 y = (np.float32(row) + v) * coarser
                 if not (x > -half and y > -half and x < limit_x and y < limit_y):
                     if keep:
-                        residual[i, j] = OUTSIDE
-                        gradient_x[i, j] = 0
-                        gradient_y[i, j] = 0
-                        move_u[i, j] = u
-                        move_v[i, j] = v
+                        residual[y_at, x_at] = OUTSIDE
+                        gradient_x[y_at, x_at] = 0
+                        gradient_y[y_at, x_at] = 0
+                        move_u[y_at, x_at] = u
+                        move_v[y_at, x_at] = v
                     continue
                 cx = int(x + half)
                 cy = int(y + half)
@@ -237,37 +242,38 @@ def sum_cells(
                 dx0 = tx - half
                 dx1 = np.float32(-2.0) * tx
                 dx2 = tx + half
-                a = (cy + 1) * line + cx + 1
-                b = a + line
-                c = b + line
-                ra = x0 * taps[a] + x1 * taps[a + 1] + x2 * taps[a + 2]
-                rb = x0 * taps[b] + x1 * taps[b + 1] + x2 * taps[b + 2]
-                rc = x0 * taps[c] + x1 * taps[c + 1] + x2 * taps[c + 2]
+                a = np.uint64((cy + 1) * line + cx + 1)
+                b = a + below
+                c = b + below
+                ra = x0 * taps[a] + x1 * taps[a + one] + x2 * taps[a + two]
+                rb = x0 * taps[b] + x1 * taps[b + one] + x2 * taps[b + two]
+                rc = x0 * taps[c] + x1 * taps[c + one] + x2 * taps[c + two]
                 y0 = half * (half - ty) * (half - ty)
                 y1 = np.float32(0.75) - ty * ty
                 y2 = half * (half + ty) * (half + ty)
                 gx = (
-                    y0 * (dx0 * taps[a] + dx1 * taps[a + 1] + dx2 * taps[a + 2])
-                    + y1 * (dx0 * taps[b] + dx1 * taps[b + 1] + dx2 * taps[b + 2])
-                    + y2 * (dx0 * taps[c] + dx1 * taps[c + 1] + dx2 * taps[c + 2])
+                    y0 * (dx0 * taps[a] + dx1 * taps[a + one] + dx2 * taps[a + two])
+                    + y1 * (dx0 * taps[b] + dx1 * taps[b + one] + dx2 * taps[b + two])
+                    + y2 * (dx0 * taps[c] + dx1 * taps[c + one] + dx2 * taps[c + two])
                 )
                 gy = (ty - half) * ra - np.float32(2.0) * ty * rb + (ty + half) * rc
-                e = y0 * ra + y1 * rb + y2 * rc - source[i * stride, j * stride] + zeta
-                gx = share * (gx + source_gx[i * stride, j * stride])
-                gy = share * (gy + source_gy[i * stride, j * stride])
-                value[count] = e
-                along[count] = gx
-                down[count] = gy
-                place_x[count] = (np.float32(column) - xc) * inverse
-                place_y[count] = (np.float32(row) - yc) * inverse
+                e = y0 * ra + y1 * rb + y2 * rc - source[y_in, x_in] + zeta
+                gx = share * (gx + source_gx[y_in, x_in])
+                gy = share * (gy + source_gy[y_in, x_in])
+                k = np.uint64(count)
+                value[k] = e
+                along[k] = gx
+                down[k] = gy
+                place_x[k] = (np.float32(column) - xc) * inverse
+                place_y[k] = (np.float32(row) - yc) * inverse
                 total += abs(e)
                 count += 1
                 if keep:
-                    residual[i, j] = e
-                    gradient_x[i, j] = gx
-                    gradient_y[i, j] = gy
-                    move_u[i, j] = u
-                    move_v[i, j] = v
+                    residual[y_at, x_at] = e
+                    gradient_x[y_at, x_at] = gx
+                    gradient_y[y_at, x_at] = gy
+                    move_u[y_at, x_at] = u
+                    move_v[y_at, x_at] = v
         if count > 0:
             sigma = MAD_TO_SIGMA * _median(value, count, total / count, histogram)
             scale[p] = max(sigma, min_scale)
@@ -280,16 +286,16 @@ def sum_cells(
         sums[p, 34] = within
 
 
-@njit(**OPTIONS)
-def _add_cell(sums, k, ratio, bx, by, du, dv, dzeta, matrix, step):
+@njit(**LEAN)
+def _add_cell(sums, k, ratio, bx, by, du, dv, dzeta, moments, matrix, step):
     """Add k times the sums of a cell to the normal equations of a patch, in the patch's frame.
 
     A place X of the cell is ratio · X + bx in the patch's frame, Y likewise; ``du``, ``dv``
     (3,) and ``dzeta`` are the patch's motion less that at which the cell was sampled.
-    Unknowns are u, v (1, X, Y each), then ζ; only the lower triangle is filled.
+    Unknowns are u, v (1, X, Y each), then ζ; only the lower triangle is filled. ``moments``
+    (3, 6) is scratch.
     """
     square = ratio * ratio
-    moments = np.empty((3, 6))
     for n in range(3):
         m = 6 * n
         m0, m1, m2 = sums[m], sums[m + 1], sums[m + 2]
@@ -383,11 +389,22 @@ def step_windows(
     out : (P, 13) float64
         Written: the new motions.
     """
-    matrix = np.empty((7, 7))
-    step = np.empty(7)
-    du = np.empty(3)
-    dv = np.empty(3)
-    limit = farthest * farthest
+    scratch = np.empty((7, 7)), np.empty(7), np.empty((3, 6)), np.empty(3), np.empty(3)
+    _step_windows(
+        sums, first, rows, columns, windows, motion, start, prior, linear, offset_mean,
+        offset_precision, min_support, beside, across, farthest * farthest, due, scratch, moved,
+        status, reliable, out,
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _step_windows(
+    sums, first, rows, columns, windows, motion, start, prior, linear, offset_mean,
+    offset_precision, min_support, beside, across, limit, due, scratch, moved, status, reliable,
+    out,
+):  # fmt: skip
+    """Take the steps of :func:`step_windows`; ``limit`` is the square of its ``farthest``."""
+    matrix, step, moments, du, dv = scratch
     for cell in range(rows * columns):
         row = cell // columns
         column = cell % columns
@@ -437,8 +454,9 @@ def step_windows(
                     dv[2] = theta[8] - motion[q, 8] / ratio
                     dv[0] = away_v - dv[1] * bx - dv[2] * by
                     _add_cell(
-                        sums[q], k, ratio, bx, by, du, dv, theta[12] - motion[q, 12], matrix, step
-                    )
+                        sums[q], k, ratio, bx, by, du, dv, theta[12] - motion[q, 12], moments,
+                        matrix, step,
+                    )  # fmt: skip
                     number += k * sums[q, 32]
                     count += k * sums[q, 33]
                     within += k * sums[q, 34]
@@ -476,7 +494,7 @@ def step_windows(
                 copy(start[p], out[p])
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def move_samples(
     cells, due, owners, windows, motion, residual, gradient_x, gradient_y, move_u, move_v
 ):
