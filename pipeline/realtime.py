@@ -99,11 +99,16 @@ FULL_STEPS = 4
 """Steps of a warm frame at full quality, about."""
 
 JUDGED = 3
-"""Frames whose median cost decides on a rung down: one slow frame alone does not. Where frames
-had to be dropped, two slow ones in a row are enough."""
+"""Frames whose median cost decides on a rung down: one slow frame alone does not, nor does the
+first one that a rung ever had, which loads its kernels. Where frames had to be dropped, two slow
+ones in a row are enough."""
 
 TOO_MUCH = 1.0
 """Share of the budget above which quality goes down."""
+
+HARDLY_TOO_MUCH, JUDGED_LONGER = 1.15, 9
+"""Share of the budget up to which so many frames decide: what they are late in all is less than
+they may be, and a machine whose frames scatter by a tenth does not lose a rung to three of them."""
 
 FAR_TOO_MUCH = 2.0
 """The same for the first frame of a rung that was not climbed to."""
@@ -421,7 +426,9 @@ class Controller:
             if cost / COLD > FAR_TOO_MUCH:
                 self._move(self._level_for(cost / COLD, self.level, self.level))
             return
-        self._costs = [*self._costs, cost][-JUDGED:]
+        # the first frame of all on a rung loads its kernels and fills its caches
+        earlier = self._costs if self._frames[choice.level] > 2 else []
+        self._costs = [*earlier, cost][-JUDGED_LONGER:]
         if choice.level > self.level:
             if self._load() > TOO_MUCH:
                 self._down(self._load(), choice.level)
@@ -441,8 +448,12 @@ class Controller:
 
     def _load(self) -> float:
         """Return the share of the budget that frames take; 0 where it is too early to tell."""
-        if len(self._costs) == JUDGED:
-            return statistics.median(self._costs)
+        if len(self._costs) >= JUDGED:
+            load = statistics.median(self._costs[-JUDGED:])
+            if self._has_dropped or not TOO_MUCH < load <= HARDLY_TOO_MUCH:
+                return load
+            is_told = len(self._costs) == JUDGED_LONGER
+            return statistics.median(self._costs) if is_told else TOO_MUCH
         if len(self._costs) == 1 and self._costs[0] > FAR_TOO_MUCH and not self._has_climbed:
             return self._costs[0]
         return min(self._costs) if self._has_dropped and len(self._costs) > 1 else 0.0
@@ -490,7 +501,7 @@ class Controller:
 
     def _calm_before_up(self) -> int:
         """Return how many calm frames are asked for: most where a rung up should be too much."""
-        is_too_much = self._above(statistics.median(self._costs)) > TOO_MUCH
+        is_too_much = self._above(statistics.median(self._costs[-JUDGED:])) > TOO_MUCH
         return LONGEST_CALM if is_too_much else self._calm_needed
 
     def _move(self, level: int, *, climbs: bool = False) -> None:

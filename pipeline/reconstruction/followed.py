@@ -23,13 +23,14 @@ from numba import njit
 
 from pipeline.frames import GreyImage, Mask
 from pipeline.grid import Grid
-from pipeline.reconstruction.parts import covering_boxes, on_hr_grid, widened, within
+from pipeline.reconstruction.parts import Box, covering_boxes, on_hr_grid, widened, within
 from pipeline.reconstruction.psf import Psf, psf_axes
 from pipeline.reconstruction.restoration import restoration_of
 from pipeline.reconstruction.rows import OPTIONS
 from pipeline.reconstruction.simd import LANES, PATCH, weigh_patch
 from pipeline.reconstruction.system import HrImage
 from pipeline.temporal.flow import Flow
+from pipeline.threads import map_threads
 
 GAIN = 0.5
 """Share of what is observed and was not predicted that is added to a picture moved here."""
@@ -54,6 +55,9 @@ less it takes for another picture to be worse."""
 SEVERITY = 4.0
 """Factor on the excess of the squared error over what noise makes."""
 
+BAND = 32
+"""Rows that a thread moves at once, LR pixels."""
+
 PHASES = 16
 """Places between two pixels at which a moved picture is sampled."""
 
@@ -73,11 +77,16 @@ def moved_here(made: HrImage, other: HrImage, flow: Flow, wanted: Mask, grid: Gr
     """
     predicted = made.copy()
     # writable, for one compilation
-    _move(
-        np.require(other, requirements="W"), flow, wanted, grid.magnification_x,
-        grid.magnification_y, np.float32(grid.offset_x), np.float32(grid.offset_y), _taps(),
-        predicted,
-    )  # fmt: skip
+    other = np.require(other, requirements="W")
+
+    def move(top: int) -> None:
+        _move(
+            other, flow, wanted, top, min(top + BAND, len(wanted)), grid.magnification_x,
+            grid.magnification_y, np.float32(grid.offset_x), np.float32(grid.offset_y), _taps(),
+            predicted,
+        )  # fmt: skip
+
+    map_threads(move, range(0, len(wanted), BAND))
     return predicted
 
 
@@ -107,7 +116,8 @@ def put_right(
     restoration = restoration_of(observed, grid, psf, noise)
     reach = max(restoration.reach, AROUND)
     side = -(-psf.support // min(grid.magnification_x, grid.magnification_y))
-    for box in covering_boxes(wanted):
+
+    def put(box: Box) -> None:
         wide = widened(box, observed.shape, reach)
         around = widened(wide, observed.shape, side)
         there = within(wide, around)
@@ -121,6 +131,8 @@ def put_right(
             box[0].start, box[1].start, grid.magnification_x, grid.magnification_y, estimate,
             shown,
         )  # fmt: skip
+
+    map_threads(put, covering_boxes(wanted))
 
 
 def _trust(error: GreyImage, observed: GreyImage, noise: float) -> npt.NDArray[np.float32]:
@@ -201,8 +213,8 @@ def _taps() -> npt.NDArray[np.float32]:
 
 
 @njit(**OPTIONS)
-def _move(other, flow, wanted, across, down, offset_x, offset_y, taps, out):
-    """Write the HR pixels of the LR pixels wanted as another picture has them, moved."""
+def _move(other, flow, wanted, top, bottom, across, down, offset_x, offset_y, taps, out):
+    """Write the HR pixels of the LR pixels wanted, of some rows, as another picture has them."""
     height, width = other.shape
     rows, columns = wanted.shape
     pixels = other.reshape(-1)
@@ -212,7 +224,7 @@ def _move(other, flow, wanted, across, down, offset_x, offset_y, taps, out):
     half = np.float32(0.5 + 0.5 / PHASES)
     # flow along an HR row, at LR columns, with one beyond either end
     room = np.empty((columns + 2, 2), np.float32)
-    for y in range(rows * down):
+    for y in range(top * down, bottom * down):
         row = y // down
         first, last = columns, -1
         for column in range(columns):
