@@ -380,7 +380,7 @@ def _spline_taps(position_x, position_y, height, width, pitch, places, taps):
     ----------
     position_x, position_y : (≤ TOGETHER,) float32
     places : (TOGETHER,) int32
-        The first of nine coefficients, none is; 0 outside.
+        Of the first of nine coefficients, which is never 0; 0 outside.
     taps : (6 · TOGETHER,) float32
         What :func:`simd.sample_eight` takes.
     """

@@ -74,9 +74,7 @@ def follow(
         leader = leaders[target]
         picture = before[target].shown if leader is None else made[leader].shown
         touched = still[target].touched
-        predicted = moved_here(
-            made[target].shown, picture, flows[target], touched, settings.grid
-        )  # fmt: skip
+        predicted = moved_here(made[target].shown, picture, flows[target], touched, settings.grid)
         made_better(made[target], predicted, still[target], settings.grid, psf, noise)
 
     for leads in (True, False):
