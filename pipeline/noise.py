@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import OPTIONS
 from pipeline.frames import GreyImage, View
 from pipeline.threads import map_threads
 
@@ -38,14 +39,6 @@ FEWEST_CHOSEN = 16
 
 MOST_BLOCKS = 16_000
 """Blocks looked at, at most: bounds the time, whatever the size of the image."""
-
-OPTIONS = {
-    "nogil": True,
-    "cache": True,
-    "error_model": "numpy",
-    "fastmath": {"contract", "reassoc", "nsz"},
-}
-"""Of the compiled loops; NaN marks pixels without a value."""
 
 CLIPPED = 0.05
 """Nearness to 0 or 255 that counts as clipped, grey levels: scaled 10-bit files are not exact."""

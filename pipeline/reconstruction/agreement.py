@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.rows import LEAN, OPTIONS, blur_ring, blur_row
+from pipeline.compiled import LEAN, OPTIONS
+from pipeline.reconstruction.rows import blur_ring, blur_row
 
 
 @njit(**OPTIONS)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
+from pipeline.compiled import OPTIONS
 from pipeline.frames import Mask, Positions
 from pipeline.grid import Grid
-from pipeline.reconstruction.rows import OPTIONS
 
 
 def phase_coverage(

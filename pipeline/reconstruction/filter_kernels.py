@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.rows import LEAN, OPTIONS, mirror
+from pipeline.compiled import LEAN, OPTIONS
+from pipeline.reconstruction.rows import mirror
 from pipeline.reconstruction.simd import LANES, PATCH, WIDE, blur_wide, weigh_patches
 
 ANGLES = 4

@@ -21,12 +21,12 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import OPTIONS
 from pipeline.frames import GreyImage, Mask
 from pipeline.grid import Grid
 from pipeline.reconstruction.parts import Box, covering_boxes, on_hr_grid, widened, within
 from pipeline.reconstruction.psf import Psf, psf_axes
 from pipeline.reconstruction.restoration import restoration_of
-from pipeline.reconstruction.rows import OPTIONS
 from pipeline.reconstruction.simd import LANES, PATCH, weigh_patch
 from pipeline.reconstruction.system import HrImage
 from pipeline.temporal.flow import Flow

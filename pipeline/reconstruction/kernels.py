@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.reconstruction.rows import LEAN, OPTIONS, copy_row, mirror
+from pipeline.compiled import LEAN, OPTIONS
+from pipeline.reconstruction.rows import copy_row, mirror
 from pipeline.reconstruction.simd import (
     CELL,
     LANES,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.reconstruction.rows import OPTIONS
+from pipeline.compiled import OPTIONS
 
 
 def median_magnitude(values: npt.NDArray[np.float32]) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import OPTIONS
 from pipeline.frames import GreyImage, RegisteredView, Rejection, frozen
 from pipeline.grid import Grid
 from pipeline.reconstruction.psf import BicubicPsf, Psf
@@ -37,14 +38,6 @@ NARROWEST = 0.1
 
 _NO_MOTION = np.uint8(Rejection.NO_MOTION)
 _OUTSIDE = np.uint8(Rejection.OUTSIDE)
-
-_OPTIONS = {
-    "nogil": True,
-    "cache": True,
-    "error_model": "numpy",
-    # not the flags that assume finite numbers: NaN marks what has no value
-    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
-}
 
 
 class StopReason(StrEnum):
@@ -303,7 +296,7 @@ def _check(
             raise ValueError(f"view {view.view_id!r}: position or flags do not fit {shape}")
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def tilt_of_view(
     position: npt.NDArray,
     flags: npt.NDArray,
@@ -346,26 +339,26 @@ def tilt_of_view(
             tilt[row, column, 1] = _tilt(y - np.floor(y + half), axis_y.falloff)
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _nearest(landing: float, axis: _Axis) -> int:
     """Return the HR pixel nearest to a landing point."""
     return int(np.floor(landing * axis.magnification + axis.offset + 0.5))
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _tilt(fraction: float, falloff: float) -> float:
     """Return what bends the taps, or the fraction itself where there is no blur."""
     return np.exp(fraction * falloff) if falloff > 0 else fraction
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _gaussian(falloff: float, reach: int) -> npt.NDArray:
     """Return exp(−o² / 2σ²) at whole offsets −reach…reach, float64."""
     offsets = np.arange(-reach, reach + 1)
     return np.exp(-0.5 * falloff * offsets * offsets)
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _write_taps(
     tilt: float,
     gaussian: npt.NDArray,
@@ -408,7 +401,7 @@ def _write_taps(
     return scale
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def sweep_view(
     estimate: npt.NDArray,
     observed: npt.NDArray,

@@ -9,19 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from pipeline.compiled import LEAN
 from pipeline.reconstruction.simd import WIDE, blur_wide
-
-OPTIONS = {
-    "nogil": True,
-    "cache": True,
-    "error_model": "numpy",
-    # not the flags that assume finite numbers: NaN marks what has no value
-    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
-}
-
-LEAN = OPTIONS | {"_nrt": False}
-"""The same of a loop that makes no array, and need not count who holds one: where that is counted,
-cutting parts of rows out of arrays takes as long as the work on a hundred of their pixels."""
 
 
 @njit(**LEAN)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.registration.kernels import LEAN, OPTIONS, value_at
+from pipeline.compiled import LEAN, OPTIONS
+from pipeline.registration.kernels import value_at
 from pipeline.registration.window_kernels import OUTSIDE, row_of_motion
 
 LARGEST_ENERGY = np.float32(2500.0)
@@ -141,13 +142,13 @@ def _choose(
             _mean(sums, columns, n, means)
             row = np.uint64(y0 + y)
             for k in range(columns):
-                x = np.uint64(x0 + k)
-                d = nearness[row, x]
+                column = np.uint64(x0 + k)
+                d = nearness[row, column]
                 away = max(ranges[p, 0] - d, d - ranges[p, 1], zero)
                 value = means[k] + mismatch * away * away
-                if renewed[row, x] and value < cost[row, x]:
-                    cost[row, x] = value
-                    best[row, x] = p
+                if renewed[row, column] and value < cost[row, column]:
+                    cost[row, column] = value
+                    best[row, column] = p
 
 
 @njit(**LEAN)

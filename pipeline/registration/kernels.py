@@ -10,19 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from pipeline.compiled import LEAN, OPTIONS
+
 PAD = 2
 """Pixels of padding around spline coefficients."""
-
-OPTIONS = {
-    "nogil": True,
-    "cache": True,
-    "error_model": "numpy",
-    # not the flags that assume finite numbers: NaN marks what has no value
-    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
-}
-
-LEAN = {**OPTIONS, "_nrt": False}
-"""Of loops that make no array, and need not count who holds one."""
 
 INLINED = {**OPTIONS, "forceinline": True}
 """Of what :func:`fit_patches` calls. Else it runs one machine code where it was just compiled and

@@ -17,13 +17,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from pipeline.compiled import LEAN, OPTIONS
 from pipeline.registration.kernels import (
     DEGENERATE,
     FITTED,
     HISTOGRAM_BINS,
-    LEAN,
     MAD_TO_SIGMA,
-    OPTIONS,
     RAN_AWAY,
     TOO_FEW,
     TUKEY,

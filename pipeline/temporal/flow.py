@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import OPTIONS
 from pipeline.frames import GreyImage, Mask
-from pipeline.reconstruction.rows import OPTIONS
 
 SIDE = 8
 """Of a patch, pixels."""

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import LEAN, OPTIONS
 from pipeline.frames import GreyImage, Mask, frozen
-from pipeline.reconstruction.rows import LEAN, OPTIONS, blur_ring, blur_row, mirror
+from pipeline.reconstruction.rows import blur_ring, blur_row, mirror
 from pipeline.temporal.lagging import Away, has_few_tiles, lagging_tiles, tile_pixels, tiles_of
 
 MOST_FRAMES = 4

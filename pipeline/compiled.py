@@ -1,0 +1,16 @@
+"""How the loops are compiled: what all rooms tell numba."""
+
+from __future__ import annotations
+
+OPTIONS = {
+    "nogil": True,
+    "cache": True,
+    "error_model": "numpy",
+    # not the flags that assume finite numbers: NaN marks what has no value
+    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
+}
+"""They are kept on disk, and release the global lock."""
+
+LEAN = {**OPTIONS, "_nrt": False}
+"""The same of a loop that makes no array, and need not count who holds one: where that is counted,
+cutting parts of rows out of arrays takes as long as the work on a hundred of their pixels."""
