@@ -7,7 +7,8 @@ Positions and displacements are LR pixels, x to the right and y down; depth is n
   :mod:`records`: what comes out, and what a chain of frames keeps of it;
 * :mod:`method`: Table 1's methods and ours, as switches;
 * :mod:`prepare`: what is needed of one view, computed once;
-* :mod:`parallax`: the motion of a view as a whole, a homography and an epipole;
+* :mod:`parallax`: the motion of a view as a whole, a homography and an epipole, with
+  :mod:`match_kernels` and :mod:`parallax_kernels`;
 * ours: :mod:`windows` with :mod:`window_fits`, :mod:`window_kernels`, :mod:`choice_kernels`;
 * the thesis': :mod:`strips` of :mod:`layers`; both cut by :mod:`patches` and moved as
   :mod:`motions` says, with :mod:`kernels`;

@@ -13,11 +13,13 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
+from pipeline.compiled import EXACT
 from pipeline.frames import Mask
 from pipeline.registration import motions
 from pipeline.registration.kernels import FITTED
 from pipeline.registration.motions import FittedMotions
 from pipeline.registration.parallax import ParallaxMotion
+from pipeline.registration.parallax_kernels import land_one, nearness_one
 from pipeline.registration.prepare import PreparedView
 from pipeline.registration.records import ViewRegistration
 from pipeline.registration.window_fits import windows_of
@@ -46,8 +48,7 @@ def carry_motions(lead: ViewRegistration, onto: ParallaxMotion, offset: float) -
     x, y, size = motions.centres(patches)
     motion = fitted.motion.copy()
     _carry_patches(
-        x, y, size, patches.planes, believed(fitted), parallax.homography, parallax.epipole,
-        onto.homography, onto.epipole, motion,
+        x, y, size, patches.planes, believed(fitted), parallax.matrix, onto.matrix, motion,
     )  # fmt: skip
     motion[:, motions.OFFSET] += offset
     return replace(fitted, motion=motion, sums=None)
@@ -71,8 +72,8 @@ def carry_pixels(
     position, offsets = kept.position.copy(), kept.offset.copy()
     _carry_pixels(
         source.fine.nearness, lead.registered.position, lead.offset, lead.patch_labels,
-        believed(fitted), renewed, parallax.homography, parallax.epipole, onto.homography,
-        onto.epipole, np.float32(offset), position, offsets,
+        believed(fitted), renewed, parallax.matrix, onto.matrix, np.float32(offset), position,
+        offsets,
     )  # fmt: skip
     return Landed(labels=lead.patch_labels, position=position, offset=offsets)
 
@@ -82,31 +83,15 @@ def believed(fitted: FittedMotions) -> Mask:
     return (fitted.status == FITTED) & (fitted.reliable > RELIABLE)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _land(homography, epipole, x, y, nearness):
-    """Return where a point of known nearness lands, and how fast it moves with that."""
-    depth = homography[2, 0] * x + homography[2, 1] * y + homography[2, 2] + epipole[2] * nearness
-    u = homography[0, 0] * x + homography[0, 1] * y + homography[0, 2] + epipole[0] * nearness
-    v = homography[1, 0] * x + homography[1, 1] * y + homography[1, 2] + epipole[1] * nearness
-    u /= depth
-    v /= depth
-    return u, v, (epipole[0] - u * epipole[2]) / depth, (epipole[1] - v * epipole[2]) / depth
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _nearness_of(homography, epipole, x, y, landed_x, landed_y, nearness):
+@njit(**EXACT)
+def _nearness_of(matrix, x, y, landed_x, landed_y, nearness):
     """Return the nearness at which a point comes closest to where it has landed."""
-    for _ in range(2):
-        u, v, along_u, along_v = _land(homography, epipole, x, y, nearness)
-        length = max(along_u * along_u + along_v * along_v, 1e-12)
-        nearness += ((landed_x - u) * along_u + (landed_y - v) * along_v) / length
-    return nearness
+    nearness = nearness_one(matrix, x, y, landed_x, landed_y, nearness)
+    return nearness_one(matrix, x, y, landed_x, landed_y, nearness)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _carry_patches(
-    x, y, size, planes, trusted, homography, epipole, onto_homography, onto_epipole, motion
-):
+def _carry_patches(x, y, size, planes, trusted, matrix, onto, motion):
     """Replace affine motions onto one reference by those onto another, in place."""
     for p in range(motion.shape[0]):
         base_u = base_v = 0.0
@@ -119,11 +104,11 @@ def _carry_patches(
             nearness = planes[p, 0] + planes[p, 1] * right + planes[p, 2] * down
             if trusted[p]:
                 nearness = _nearness_of(
-                    homography, epipole, px, py,
+                    matrix, px, py,
                     px + theta[0] + theta[1] * right + theta[2] * down,
                     py + theta[6] + theta[7] * right + theta[8] * down, nearness,
                 )  # fmt: skip
-            u, v, _, _ = _land(onto_homography, onto_epipole, px, py, nearness)
+            u, v, _, _ = land_one(onto, px, py, nearness)
             u -= px + base_u
             v -= py + base_v
             motion[p, number], motion[p, 6 + number] = u, v
@@ -133,8 +118,8 @@ def _carry_patches(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _carry_pixels(
-    nearness, landed, offsets, labels, trusted, renewed, homography, epipole, onto_homography,
-    onto_epipole, offset, position, out_offsets,
+    nearness, landed, offsets, labels, trusted, renewed, matrix, onto, offset, position,
+    out_offsets,
 ):  # fmt: skip
     """Write where some pixels land on another reference, and their intensity terms."""
     for row in range(renewed.shape[0]):
@@ -151,10 +136,10 @@ def _carry_pixels(
             depth = float(nearness[row, column])
             if trusted[label]:
                 depth = _nearness_of(
-                    homography, epipole, x, y, float(landed[row, column, 0]),
+                    matrix, x, y, float(landed[row, column, 0]),
                     float(landed[row, column, 1]), depth,
                 )  # fmt: skip
-            u, v, _, _ = _land(onto_homography, onto_epipole, x, y, depth)
+            u, v, _, _ = land_one(onto, x, y, depth)
             position[row, column, 0] = u
             position[row, column, 1] = v
             out_offsets[row, column] = offsets[row, column] + offset

@@ -5,15 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.compiled import LEAN, OPTIONS
+from pipeline.compiled import EXACT, LEAN, OPTIONS
 from pipeline.registration.kernels import value_at
 from pipeline.registration.window_kernels import OUTSIDE, row_of_motion
 
 LARGEST_ENERGY = np.float32(2500.0)
 """Squared residuals are cut off here where motions are compared, grey levels²."""
-
-EXACT = {**LEAN, "fastmath": False}
-"""Of a division that must not become a product with the reciprocal."""
 
 
 @njit(**OPTIONS)
@@ -233,7 +230,7 @@ def _subtract(row, size, sums):
 
 @njit(**EXACT)
 def _mean(sums, size, count, out):
-    """Write sums, not below zero, divided by how many numbers they are of."""
+    """Write sums, not below zero, divided by how many numbers they are of, not by a reciprocal."""
     for x in range(size):
         out[x] = max(sums[x], np.float32(0.0)) / count
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.registration import kernels
+from pipeline.registration import kernels, parallax_kernels
 from pipeline.registration.kernels import TOO_FEW
 from pipeline.registration.method import MotionModel
 from pipeline.registration.parallax import ParallaxMotion
@@ -94,18 +94,17 @@ class FitPrior:
 
 def centres(patches: Patches) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
     """Return x, y of the windows' middles and half their larger side, each (P,), pixels."""
-    window = patches.windows.astype(float)
-    x = 0.5 * (window[:, 0] + window[:, 2] - 1)
-    y = 0.5 * (window[:, 1] + window[:, 3] - 1)
-    larger = np.maximum(window[:, 2] - window[:, 0], window[:, 3] - window[:, 1])
-    return x, y, np.maximum(0.5 * larger, 1.0)
+    count = len(patches.windows)
+    x, y, size = np.empty(count), np.empty(count), np.empty(count)
+    parallax_kernels.centres_all(patches.windows, x, y, size)
+    return x, y, size
 
 
 def landed_centres(fitted: FittedMotions) -> tuple[npt.NDArray, npt.NDArray]:
     """Return the windows' middles and where they land, x and y, (P, 2) each, LR pixels."""
     x, y, _ = centres(fitted.patches)
-    points = np.stack([x, y], axis=-1)
-    return points, points + fitted.motion[:, MIDDLE]
+    u, v = (fitted.motion[:, column] for column in MIDDLE)
+    return np.column_stack([x, y]), np.column_stack([x + u, y + v])
 
 
 def least_scale(noise: float, level: int) -> float:
@@ -136,19 +135,10 @@ def from_parallax(
     that of the centre alone where the model is translation.
     """
     x, y, size = centres(patches)
-    plane = patches.planes
     motion = no_motion(patches)
-
-    def displacement(along_x: float, along_y: float) -> npt.NDArray:
-        px, py = x + size * along_x, y + size * along_y
-        depth = plane[:, 0] + plane[:, 1] * along_x + plane[:, 2] * along_y
-        return parallax.land(px, py, depth) - np.stack([px, py], axis=-1)
-
-    motion[:, MIDDLE] = displacement(0, 0)
-    if model is MotionModel.TRANSLATION:
-        return motion
-    motion[:, [1, 7]] = displacement(0.5, 0) - displacement(-0.5, 0)
-    motion[:, [2, 8]] = displacement(0, 0.5) - displacement(0, -0.5)
+    parallax_kernels.start_all(
+        parallax.matrix, x, y, size, patches.planes, model is not MotionModel.TRANSLATION, motion
+    )
     return motion
 
 
@@ -179,13 +169,12 @@ def from_parents(
 
 def parallax_directions(patches: Patches, parallax: ParallaxMotion | None) -> npt.NDArray:
     """Return unit vectors (P, 2) in which a wrong depth moves each patch; x where none."""
-    along_x = np.tile([1.0, 0.0], (len(patches.windows), 1))
-    if parallax is None:
-        return along_x
     x, y, _ = centres(patches)
-    derivative = parallax.parallax(x, y, patches.planes[:, 0])
-    length = np.linalg.norm(derivative, axis=1, keepdims=True)
-    return np.where(length > 1e-12, derivative / np.maximum(length, 1e-12), along_x)
+    if parallax is None:
+        return np.tile([1.0, 0.0], (len(x), 1))
+    directions = np.empty((len(x), 2))
+    parallax_kernels.directions_all(parallax.matrix, x, y, patches.planes[:, 0], directions)
+    return directions
 
 
 def fit_motions(

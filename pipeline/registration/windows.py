@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from pipeline.errors import SceneError
 from pipeline.frames import Mask, Positions
-from pipeline.registration import choice_kernels, motions
+from pipeline.registration import choice_kernels, motions, parallax_kernels
 from pipeline.registration.kernels import FITTED
 from pipeline.registration.method import Initialisation, MotionModel, RegistrationMethod
 from pipeline.registration.motions import FitPrior, FittedMotions, Pass
@@ -325,8 +325,8 @@ def spread_across(
     """
     points, landed = motions.landed_centres(fitted)
     direction = motions.parallax_directions(fitted.patches, parallax)
-    away = landed - parallax.land(points[:, 0], points[:, 1], nearness)
-    across = -direction[:, 1] * away[:, 0] + direction[:, 0] * away[:, 1]
+    across = np.empty(len(points))
+    parallax_kernels.across_all(parallax.matrix, points, landed, nearness, direction, across)
     return 1.4826 * float(np.median(np.abs(across[well_fitted(fitted)])))
 
 
@@ -339,10 +339,11 @@ def along_parallax(
     points: npt.NDArray, landed: npt.NDArray, nearness: npt.NDArray, parallax: ParallaxMotion
 ) -> npt.NDArray:
     """Return the nearness (M,) at which the parallax motion comes closest to ``landed``."""
-    derivative = parallax.parallax(points[:, 0], points[:, 1], nearness)
-    away = landed - parallax.land(points[:, 0], points[:, 1], nearness)
-    length2 = np.maximum((derivative**2).sum(axis=1), 1e-12)
-    return nearness + (away * derivative).sum(axis=1) / length2
+    found = np.empty(len(points))
+    parallax_kernels.nearness_all(
+        parallax.matrix, points, landed, np.ascontiguousarray(nearness, float), found
+    )
+    return found
 
 
 def some_landed(

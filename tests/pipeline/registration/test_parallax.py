@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.frames import Calibration
+from pipeline.registration import parallax_kernels
 from pipeline.registration.parallax import (
     MIN_MATCHES,
     ParallaxMotion,
@@ -188,6 +189,19 @@ def test_the_same_matches_give_the_same_motion():
     first, again = (fit_parallax(*_matches()) for _ in range(2))
     np.testing.assert_array_equal(first.homography, again.homography)
     np.testing.assert_array_equal(first.epipole, again.epipole)
+
+
+@given(
+    values=st.lists(st.sampled_from([0.0, 1.0, 2.5, -3.0, 7.0]) | st.floats(-9, 9), min_size=1),
+    data=st.data(),
+)
+def test_the_number_of_a_rank_and_the_median_are_those_of_sorting(values, data):
+    rank = data.draw(st.integers(0, len(values) - 1))
+    room = np.array([*values, -99.0])  # what lies behind the count is left alone
+    assert parallax_kernels.of_rank(room, len(values), rank) == sorted(values)[rank]
+    np.testing.assert_array_equal(np.sort(room), np.sort([*values, -99.0]))
+    assert parallax_kernels.middle_of(room, len(values)) == np.median(values)
+    assert room[-1] == -99.0
 
 
 # --- matching ----------------------------------------------------------------------------
