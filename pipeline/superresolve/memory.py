@@ -78,7 +78,7 @@ class Memory:
         """Start a new chain: the next frame is computed on its own."""
         self.previous: Previous | None = None
         self.turn = self._stands_since = 0
-        self._found_in = self._last = self._detailed = -1
+        self._detailed = -1
         self._observed: dict[str, GreyImage] = {}
         self._details: dict[str, tuple[Detail, ...]] = {}
         self.still: dict[str, Still] = {}
@@ -377,69 +377,12 @@ class Memory:
             for target in targets
         }
 
-    def keep(self, found: Previous, observed: dict[str, GreyImage], frame_index: int) -> None:
+    def keep(self, found: Previous, observed: dict[str, GreyImage]) -> None:
         """Remember a frame that is registered."""
         self.turn += 1
-        if self.previous is None or found.prepared is not self.previous.prepared:
-            self._found_in = frame_index
-        self._last = frame_index
         self._missed, self._has_landed = {}, False
         self.previous = replace(found, turn=self.turn)
         self._observed = observed
-
-    def split(self, targets: Sequence[str]) -> tuple[Memory, Memory]:
-        """Return the memories of these targets and of the others, which then go their own ways."""
-        others = [target for target in self._observed if target not in targets]
-        return self._of(targets), self._of(others)
-
-    def joined(self, other: Memory) -> Memory | None:
-        """Return the memory of both one's targets; None unless they stand at the same frame."""
-        one, two = self.previous, other.previous
-        here, there = ((memory._found_in, memory._last) for memory in (self, other))
-        if one is None or two is None or here != there:
-            return None
-        both = Memory()
-        both.turn = both._solved_turn = max(self.turn, other.turn)
-        both._found_in, both._last = here
-        both._stands_since = max(self._stands_since, other._stands_since)
-        both.previous = Previous(
-            prepared={**two.prepared, **one.prepared},
-            registrations={**one.registrations, **two.registrations},
-            turn=both.turn,
-        )
-        both._observed = {**self._observed, **other._observed}
-        both._details = {**other._details, **self._details}
-        both._detailed = self._detailed
-        both._missed = {**other._missed, **self._missed}
-        both.still = {**other.still, **self.still}
-        both._noise = {**other._noise, **self._noise}
-        both._solved = {**self._solved, **other._solved}
-        return both
-
-    @property
-    def targets(self) -> frozenset[str]:
-        """The targets of the last frame; empty where there is none."""
-        return frozenset(self._observed)
-
-    def _of(self, targets: Sequence[str]) -> Memory:
-        part = Memory()
-        part.turn, part._solved_turn = self.turn, self._solved_turn
-        part._stands_since = self._stands_since
-        part._found_in, part._last = self._found_in, self._last
-        assert self.previous is not None  # there are targets
-        part.previous = replace(
-            self.previous,
-            registrations={target: self.previous.registrations[target] for target in targets},
-        )
-        part._observed = {target: self._observed[target] for target in targets}
-        part._details = {name: self._details[name] for name in targets if name in self._details}
-        part._detailed = self._detailed
-        part._missed = dict(self._missed)
-        part.still, part._noise = self.still, self._noise
-        part._solved = {
-            target: image for target, image in self._solved.items() if target in targets
-        }
-        return part
 
     def solved(self, registered: RegisteredFrame, target: str) -> Solved | None:
         """Return the previous frame's result of a target; None where the chain has none."""
@@ -478,7 +421,6 @@ class Memory:
         """Remember a frame whose targets were made of themselves alone; of a chain only."""
         if self.previous is None:
             return
-        self._last = frame.frame_index
         self._observed |= {target: frame.view(target).luma for target in made}
 
         def solved(target: str) -> Solved:

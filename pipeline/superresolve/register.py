@@ -92,9 +92,7 @@ def register_frame(
             registrations = _with_pixels_of(found, widened, targets, observed)
     if memory is not None:
         # motions that are kept stay with the pixels that they were found from
-        memory.keep(
-            found, {target: frame.view(target).luma for target in targets}, frame.frame_index
-        )
+        memory.keep(found, {target: frame.view(target).luma for target in targets})
     clock.done("registration")
     return RegisteredFrame(
         frame=frame,

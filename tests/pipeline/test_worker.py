@@ -10,7 +10,6 @@ import pytest
 
 from pipeline.config import Settings
 from pipeline.errors import Interrupted
-from pipeline.metrics import psnr
 from pipeline.noise import estimate_noise_of_views
 from pipeline.superresolve import Memory
 from pipeline.synthetic import SampleScene
@@ -123,29 +122,6 @@ def test_a_stop_is_noticed_amid_registration(frames):
     )
     with pytest.raises(Interrupted):
         worker.register(frames[0])
-
-
-def test_an_eye_at_half_rate_goes_on_from_its_own_last_frame(frames):
-    worker = _worker("warm")
-    left, right = TARGETS
-    worker.take(frames[0])
-    alone = worker.take(frames[1], targets=(left,))
-    assert list(alone.images) == [left]
-    both = worker.take(frames[2])
-    assert set(both.images) == {left, right}
-    assert all(target.start.warm_share > 0.35 for target in both.report.targets)
-    steady, pair = _worker("warm"), _worker("warm")
-    steady.take(frames[0])
-    pair.take(frames[0])
-    for frame in frames[1:3]:
-        expected = steady.take(frame, targets=(left,)).images[left].luma
-        beside = pair.take(frame).images[left].luma
-    np.testing.assert_array_equal(both.images[left].luma, expected)
-    # eyes made together share what the fits of the one tell of the other
-    assert psnr(beside, expected) > 45
-    again = worker.take(frames[3])
-    assert {target.view_id for target in again.report.targets} == set(TARGETS)
-    assert len(worker._memories) == 1, "both eyes stand at the same frame"
 
 
 def test_the_noise_of_a_chain_is_followed_view_by_view(frames):
