@@ -100,7 +100,7 @@ class Worker:
     def watch(self, frame: MultiViewFrame) -> None:
         """Look at a frame that is not computed: what stands still from it on is known sooner."""
         if self._memory is not None:
-            self._memory.watch(frame, self.settings)
+            self._memory.seen.watch(frame, self.settings)
 
     def reset(self) -> None:
         """Forget the frames so far: the next one to be registered is computed on its own."""

@@ -12,6 +12,7 @@ consumes that and knows nothing of depth, layers or cameras. Here the
 * :mod:`due`: what of them is made again in a chain of frames, and how thoroughly;
 * :mod:`chain`: what of the frames before holds for a frame;
 * :mod:`memory`: what one frame of a chain leaves to the next;
+* :mod:`seen`: the part of that which looking at the views has told;
 * :mod:`colours`: the colour of an image, as large as it is wanted;
 * :mod:`choices`: what the settings leave open;
 * :mod:`account`: what is said of a frame;

@@ -56,7 +56,7 @@ def continued(
     sources : sequence of view ids
         Those observed, of which the noise is asked.
     noise : float
-        That of the frame by :meth:`Memory.noise`, grey levels.
+        That of the frame by :meth:`Seen.noise`, grey levels.
     """
     if memory is None:
         return Continued(
@@ -64,41 +64,41 @@ def continued(
         )
     matches = memory.matches(frame, targets, noise)
     is_other = any(match.is_cut for match in matches.values())
-    is_quieter = bool(matches) and memory.is_quieter
+    is_quieter = bool(matches) and memory.seen.is_quieter
     has_moved = is_other and not is_quieter and memory.has_moved(frame, targets)
     is_cut = is_quieter or (is_other and not has_moved)
     if is_cut:
         memory.forget()
-        matches, noise = {}, memory.noise(frame, settings, sources)
+        matches, noise = {}, memory.seen.noise(frame, settings, sources)
     is_small = has_few_tiles(frame.lr_shape)
-    drifts = memory.drifts(frame, targets, noise)
+    drifts = memory.seen.drifts(frame, targets, noise)
     if drifts:
         has_moved = bool(matches) and not is_small
     if has_moved:
         memory.move()
         matches = {}
-    averaged = memory.averaged(frame, noise)
-    if matches and is_small and (drifts or memory.lags(targets)):
+    averaged = memory.seen.averaged(frame, noise)
+    if matches and is_small and (drifts or memory.seen.lags(targets)):
         is_cut = True
         memory.begin_apart()
-        matches, noise = {}, memory.noise(frame, settings, sources)
+        matches, noise = {}, memory.seen.noise(frame, settings, sources)
         averaged = frame
-    elif matches and memory.lags_all_over(targets):
+    elif matches and memory.seen.lags_all_over(targets):
         has_moved = True
         memory.move()
         matches = {}
-        averaged = memory.averaged(frame, noise)
+        averaged = memory.seen.averaged(frame, noise)
     if matches and _changes_in_place(memory, matches):
         is_cut = True
         memory.begin_again()
-        matches, noise = {}, memory.noise(frame, settings, sources)
-        averaged = memory.averaged(frame, noise)
-    elif matches and memory.lags(targets):
+        matches, noise = {}, memory.seen.noise(frame, settings, sources)
+        averaged = memory.seen.averaged(frame, noise)
+    elif matches and memory.seen.lags(targets):
         memory.stand_again()
-    still = {
-        target: first_seen(frame.view(target).luma) if averaged is frame else memory.still[target]
-        for target in targets
-    }
+    if averaged is frame:
+        still = {target: first_seen(frame.view(target).luma) for target in targets}
+    else:
+        still = {target: memory.seen.still[target] for target in targets}
     return Continued(
         frame=averaged,
         noise=noise,
@@ -112,6 +112,6 @@ def continued(
 def _changes_in_place(memory: Memory, matches: Mapping[str, BlockMatch]) -> bool:
     """Return whether much of every target has changed where it was."""
     return all(
-        match.share_in_place(memory.still[target].changed) > IN_PLACE
+        match.share_in_place(memory.seen.still[target].changed) > IN_PLACE
         for target, match in matches.items()
     )

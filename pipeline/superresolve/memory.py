@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.config import Settings
-from pipeline.frames import GreyImage, Mask, MultiViewFrame, RegisteredView, View
-from pipeline.noise import estimate_noise
+from pipeline.frames import GreyImage, Mask, MultiViewFrame, RegisteredView
 from pipeline.reconstruction.alone import Restored
 from pipeline.reconstruction.fused import FusedResult
 from pipeline.registration.by_depth import DepthLaw, Nearness, landed_by_depth, learn_law
@@ -20,30 +19,13 @@ from pipeline.registration.prepare import cleaned
 from pipeline.registration.register import Previous, ViewRegistration
 from pipeline.superresolve.follow import Shown
 from pipeline.superresolve.registered import RegisteredFrame
-from pipeline.temporal.drift import KEPT, Detail, detail_of, goes_on_changing
+from pipeline.superresolve.seen import Seen
 from pipeline.temporal.initial import BlockMatch, match_blocks
-from pipeline.temporal.lagging import has_few_tiles, much_lags
 from pipeline.temporal.moving import has_moved
-from pipeline.temporal.still import Still, first_seen, seen_again
 from pipeline.threads import map_threads
-
-NOISE_JUMP = 0.25
-"""Share of a view's noise by which it may differ from one look at it to the next without the other
-views being looked at, too."""
-
-LEAST_NOISE = 1.0
-"""Noise of which that is a share, at least, grey levels."""
 
 RIGHT = 0.5
 """How far patches may land from where depth maps say for these to be right, LR pixels."""
-
-QUIETER = 0.7
-"""Share of the noise before below which means and results of frames before are worse than a frame
-of its own."""
-
-
-Seen = tuple[dict[str, Still], dict[str, float], dict[str, tuple[Detail, ...]], int]
-"""What a look at frames has told: see :attr:`Memory.seen`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,89 +60,34 @@ class Memory:
         """Start a new chain: the next frame is computed on its own."""
         self.previous: Previous | None = None
         self.turn = self._stands_since = 0
-        self._detailed = -1
+        self.seen = Seen()
         self._observed: dict[str, GreyImage] = {}
-        self._details: dict[str, tuple[Detail, ...]] = {}
-        self.still: dict[str, Still] = {}
-        self._noise: dict[str, float] = {}
         self._missed: dict[str, Mask] = {}
         """By view, what has changed since something landed anew."""
         self._has_landed = False
         """Whether landing points are those of such a frame, which nobody else has."""
         self._laws: tuple[int, dict[tuple[str, str], DepthLaw | None]] = (-1, {})
-        self.is_quieter = False
-        """Whether the noise last asked for has fallen so far that what came before it is of no
-        use."""
 
     def begin_again(self) -> None:
         """Start a new chain in a picture that goes on as it did."""
-        details, detailed = self._details, self._detailed
+        seen = self.seen.begun_again()
         self.forget()
-        self._details, self._detailed = details, detailed
+        self.seen = seen
 
     def begin_apart(self) -> None:
         """Start a new chain, but let the means go on: they tell how long the picture changes."""
-        still = self.still
+        still = self.seen.still
         self.begin_again()
-        self.still = still
-
-    def noise(self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]) -> float:
-        """Return the noise of the settings, or that of the frame's views, grey levels.
-
-        Of a chain's frames after the first, one view is looked at, another one in each; all of
-        them where that one has another noise than before.
-        """
-        if settings.noise_sigma is not None:
-            return settings.noise_sigma
-        known, before = self._noise, self.known_noise(view_ids)
-        due = [name for name in view_ids if name not in known]
-        if not due:
-            one = view_ids[frame.frame_index % len(view_ids)]
-            self._look_at(frame, [one])
-            if abs(self._noise[one] - known[one]) > NOISE_JUMP * max(known[one], LEAST_NOISE):
-                due = [name for name in view_ids if name != one]
-        self._look_at(frame, due)
-        noise = float(np.median([self._noise[name] for name in view_ids]))
-        self.is_quieter = before is not None and before > LEAST_NOISE and noise < QUIETER * before
-        return noise
-
-    def _look_at(self, frame: MultiViewFrame, view_ids: Sequence[str]) -> None:
-        """Estimate the noise of some views."""
-        found = map_threads(estimate_noise, [frame.view(name).luma for name in view_ids])
-        self._noise = {**self._noise, **dict(zip(view_ids, found, strict=True))}
-
-    def known_noise(self, view_ids: Sequence[str]) -> float | None:
-        """Return the noise that frames before have shown, grey levels; None: none has."""
-        found = [self._noise[name] for name in view_ids if name in self._noise]
-        return float(np.median(found)) if len(found) == len(view_ids) else None
+        self.seen.still = still
 
     def has_moved(self, frame: MultiViewFrame, targets: Sequence[str]) -> bool:
         """Return whether a frame shows the targets as the one before, from another place."""
         return all(has_moved(frame.view(target).luma, self._observed[target]) for target in targets)
 
-    def drifts(self, frame: MultiViewFrame, targets: Sequence[str], noise: float) -> bool:
-        """Return whether a target goes on changing all over; to be asked of each frame once.
-
-        Frames that follow one another tell; of others, changes in unlike times would be compared.
-        """
-        follows = frame.frame_index == self._detailed + 1
-        before = self._details if follows else {}
-
-        def look(target: str) -> tuple[tuple[Detail, ...], bool]:
-            now = detail_of(frame.view(target).luma)
-            details = (*before.get(target, ())[1 - KEPT :], now)
-            return details, goes_on_changing(details, noise)
-
-        found = map_threads(look, targets)
-        looked_at = zip(targets, found, strict=True)
-        self._details = before | {target: details for target, (details, _) in looked_at}
-        self._detailed = frame.frame_index
-        return any(goes_on for _, goes_on in found)
-
     def move(self) -> None:
         """Keep of the frames so far only what holds wherever the rig is."""
         self.move_on()
-        self.still = {}
+        self.seen.still = {}
 
     def move_on(self) -> None:
         """Keep of the registration so far only what holds wherever the rig is."""
@@ -170,7 +97,9 @@ class Memory:
 
     def to_go_on_from(self) -> Previous | None:
         """Return what the previous frame left, and what of that has proved to lag behind."""
-        lagging = {name: still.begun for name, still in self.still.items() if still.lagging.any()}
+        lagging = {
+            name: still.begun for name, still in self.seen.still.items() if still.lagging.any()
+        }
         return None if self.previous is None else replace(self.previous, lagging=lagging)
 
     def known_views(self) -> dict[str, tuple[list[RegisteredView], list[GreyImage]]]:
@@ -184,22 +113,13 @@ class Memory:
             return {}
         found = {}
         for target, registrations in previous.registrations.items():
-            known = [one for one in registrations if one.registered.view_id in self.still]
+            known = [one for one in registrations if one.registered.view_id in self.seen.still]
             views = [
-                replace(one.registered, observed=self.still[one.registered.view_id].mean)
+                replace(one.registered, observed=self.seen.still[one.registered.view_id].mean)
                 for one in known
             ]
             found[target] = views, [one.offset for one in known]
         return found
-
-    @property
-    def seen(self) -> Seen:
-        """What is known of what stands still, of the noise and of drifts; may be put back."""
-        return self.still, self._noise, self._details, self._detailed
-
-    @seen.setter
-    def seen(self, before: Seen) -> None:
-        self.still, self._noise, self._details, self._detailed = before
 
     def laws(self) -> dict[tuple[str, str], DepthLaw | None]:
         """Return, by target and view, what the last registered frame has shown of depth."""
@@ -230,24 +150,6 @@ class Memory:
         """
         return self.turn - self._stands_since
 
-    def lags(self, targets: Sequence[str]) -> bool:
-        """Return whether much of what was kept of a target has just proved to lag behind.
-
-        Of small pictures, whether much of any view has.
-        """
-        looked_at = [self.still[target] for target in targets]
-        if has_few_tiles(looked_at[0].mean.shape):
-            looked_at = list(self.still.values())
-        return any(much_lags(still.lagging) for still in looked_at)
-
-    def begins_to_lag(self, targets: Sequence[str]) -> bool:
-        """Return whether what was kept of a target begins to lag behind."""
-        return any(self.still[target].begins_to_lag for target in targets)
-
-    def lags_all_over(self, targets: Sequence[str]) -> bool:
-        """Return whether all of what was kept of a target has just proved to lag behind."""
-        return any(self.still[target].lagging.all() for target in targets)
-
     def solve_again(self) -> None:
         """Let the next frame solve all of its targets again, from what the last one left."""
         self._solved = {
@@ -264,7 +166,7 @@ class Memory:
     def miss(self, view_ids: Sequence[str]) -> None:
         """Note what has changed of views in a frame in which nothing landed anew."""
         for view_id in view_ids:
-            touched, before = self.still[view_id].touched, self._missed.get(view_id)
+            touched, before = self.seen.still[view_id].touched, self._missed.get(view_id)
             self._missed[view_id] = touched if before is None else touched | before
 
     def can_land(
@@ -298,7 +200,7 @@ class Memory:
         seen = [view.view_id for view in frame.views]
         near = {name for name in seen if name in view_ids}
         names = list(dict.fromkeys(name for _, name in self.laws() if name in near))
-        tasks: list[Callable[[], Any]] = [lambda: self.noise(frame, settings, seen)]
+        tasks: list[Callable[[], Any]] = [lambda: self.seen.noise(frame, settings, seen)]
         for name in names:
             depth_map = frame.view(name).depth_map
             assert depth_map is not None  # depth has proved right
@@ -327,7 +229,7 @@ class Memory:
             law = laws.get((target, name))
             if law is None or name not in nearness:
                 return one
-            changed = self.still[name].touched
+            changed = self.seen.still[name].touched
             if name in self._missed:
                 changed = changed | self._missed[name]
             return landed_by_depth(
@@ -342,29 +244,6 @@ class Memory:
         self.previous = replace(previous, registrations=registrations)
         self._missed = {name: mask for name, mask in self._missed.items() if name not in views}
         self._has_landed = True
-
-    def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
-        """Take note of a frame that is not computed."""
-        names = [view.view_id for view in frame.views]
-        noise = self.noise(frame, settings, names)
-        if self.is_quieter:
-            self.still = {}
-        self.averaged(frame, noise)
-
-    def averaged(self, frame: MultiViewFrame, noise: float) -> MultiViewFrame:
-        """Return the frame with what stands still averaged over the frames before."""
-
-        def seen(view: View) -> Still:
-            before = self.still.get(view.view_id)
-            return first_seen(view.luma) if before is None else seen_again(view.luma, before, noise)
-
-        found = map_threads(seen, frame.views)
-        seen_now = {view.view_id: still for view, still in zip(frame.views, found, strict=True)}
-        self.still = {**self.still, **seen_now}
-        views = [
-            replace(view, luma=still.mean) for view, still in zip(frame.views, found, strict=True)
-        ]
-        return replace(frame, views=tuple(views))
 
     def matches(
         self, frame: MultiViewFrame, targets: Sequence[str], noise: float
@@ -429,7 +308,7 @@ class Memory:
             if frames is not None:
                 frames = np.where(np.isinf(left.frames), frames, np.float32(0))
                 if left.again is not None:
-                    np.copyto(frames, self.still[target].count, where=left.again)
+                    np.copyto(frames, self.seen.still[target].count, where=left.again)
             return replace(
                 old,
                 result=replace(old.result, estimate=left.estimate),

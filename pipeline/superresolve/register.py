@@ -68,7 +68,7 @@ def register_frame(
     added: tuple[str, ...] = ()
     if neighbours and effort.views is None:
         widened, added = with_neighbours(frame, neighbours, sources)
-    noise = (memory or Memory()).noise(frame, settings, sources)
+    noise = (memory or Memory()).seen.noise(frame, settings, sources)
     psf = psf or psf_of(settings)
     clock.done("preparation")
     with stoppable(stop):

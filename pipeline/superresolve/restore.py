@@ -5,6 +5,7 @@ The measurements that chose the constants: docs/experiments.md#swift-frames.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -69,12 +70,12 @@ def restore_frame(
     with stoppable(stop):
         if not memory.is_of_size(frame):
             memory.forget()
-        noise = memory.known_noise(targets)
+        noise = memory.seen.known_noise(targets)
         if noise is None:
-            noise = memory.noise(frame, settings, targets)
-        frame = memory.averaged(frame, noise)
+            noise = memory.seen.noise(frame, settings, targets)
+        frame = memory.seen.averaged(frame, noise)
         memory.miss(names)
-        if any(memory.still[target].share_touched > MOSTLY_CHANGED for target in targets):
+        if any(memory.seen.still[target].share_touched > MOSTLY_CHANGED for target in targets):
             memory.move_on()
     return _made(frame, settings, targets, near, psf, noise, memory, effort, clock, stop)
 
@@ -118,13 +119,13 @@ def swift_frame(
     clock = Stages(stop)
     psf = psf or psf_of(settings)
     with stoppable(stop):
-        before = memory.seen
+        before = copy.copy(memory.seen)
         noise, nearness = memory.noise_and_nearness(frame, settings, near)
-        averaged = memory.averaged(frame, noise)
-        shares = [memory.still[target].share_touched for target in targets]
-        drifts = memory.drifts(frame, targets, noise)
-        lags = memory.lags(targets) or (not is_held and memory.begins_to_lag(targets))
-        if memory.is_quieter or drifts or lags or max(shares) > MUCH_CHANGED:
+        averaged = memory.seen.averaged(frame, noise)
+        shares = [memory.seen.still[target].share_touched for target in targets]
+        drifts = memory.seen.drifts(frame, targets, noise)
+        lags = memory.seen.lags(targets) or (not is_held and memory.seen.begins_to_lag(targets))
+        if memory.seen.is_quieter or drifts or lags or max(shares) > MUCH_CHANGED:
             memory.seen = before
             if lags:
                 memory.solve_again()
@@ -153,11 +154,11 @@ def _made(
         known = memory.known_views() if is_refreshed else {}
 
         def restore(target: str) -> Restored:
-            left, still = memory.restored(target), memory.still[target]
+            left, still = memory.restored(target), memory.seen.still[target]
             return restored(still, left, settings.grid, psf, noise, learned)
 
         def again(target: str, made: Restored) -> Again:
-            still, every = memory.still[target], effort.refresh_every
+            still, every = memory.seen.still[target], effort.refresh_every
             assert every is not None  # else there are no known views
             refresh = in_turn(~still.touched, every, frame.frame_index)
             due = [Due(wanted=refresh, noise=noise, tuning=STILL)]
@@ -177,7 +178,7 @@ def _made(
         made = map_threads(restore, targets)
         if effort.alone and effort.follow:
             by_target = dict(zip(targets, made, strict=True))
-            follow(by_target, before, memory.still, settings, psf, noise, frame.frame_index)
+            follow(by_target, before, memory.seen.still, settings, psf, noise, frame.frame_index)
         if known:
             made = refreshed(
                 made, [again(*pair) for pair in zip(targets, made, strict=True)],
@@ -199,7 +200,7 @@ def _made(
     clock.done("chroma")
 
     def share_kept(target: str) -> float:
-        return 1 - memory.still[target].share_touched if effort.by_depth else 0.0
+        return 1 - memory.seen.still[target].share_touched if effort.by_depth else 0.0
 
     report = FrameReport(
         frame_index=frame.frame_index,

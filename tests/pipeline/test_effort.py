@@ -198,7 +198,7 @@ def test_fewer_views_for_what_changes_leave_what_stands_still_to_all(frames):
         pair = replace(frame, views=tuple(frame.view(target) for target in TARGETS))
         less = _take(pair, eyes)
         assert len(result.report.targets[0].views) == 5
-    still = few.still[TARGETS[0]].count.repeat(2, 0).repeat(2, 1) >= 4
+    still = few.seen.still[TARGETS[0]].count.repeat(2, 0).repeat(2, 1) >= 4
     errors = [one.images[TARGETS[0]].luma[still] - _truth(4)[still] for one in (result, less)]
     ours, theirs = (np.square(error).mean() for error in errors)
     assert ours < theirs
@@ -258,7 +258,7 @@ def test_an_eye_of_itself_alone_keeps_what_stands_still_and_no_ghost_of_what_mov
         result = _take(frames[number], memory, **ALONE)
         assert result.report.effort.alone
         now, last = (item.images[TARGETS[0]].luma for item in (result, before))
-        changed = memory.still[TARGETS[0]].changed.repeat(2, 0).repeat(2, 1)
+        changed = memory.seen.still[TARGETS[0]].changed.repeat(2, 0).repeat(2, 1)
         moves = changed & (np.abs(now - last) > 1)
         assert 0 < moves.mean() < 0.5
         far = cv2.dilate(changed.astype(np.uint8), None, iterations=6) == 0

@@ -128,16 +128,16 @@ def test_the_noise_of_a_chain_is_followed_view_by_view(frames):
     """All views are looked at in its first frame, then one in each."""
     memory, settings, names = Memory(), Settings(), SCENE.view_ids
     quiet = estimate_noise_of_views(frames[0].views)
-    assert memory.noise(frames[0], settings, names) == quiet
+    assert memory.seen.noise(frames[0], settings, names) == quiet
     louder = SCENE.frame(0, noise_sigma=1.15 * NOISE)
     found = [
-        memory.noise(replace(louder, frame_index=number), settings, names)
+        memory.seen.noise(replace(louder, frame_index=number), settings, names)
         for number in range(1, 1 + len(names))
     ]
     assert found == sorted(found)
     assert found[0] < found[-1] == estimate_noise_of_views(louder.views)
     memory.forget()
-    assert memory.noise(frames[0], settings, names) == quiet
+    assert memory.seen.noise(frames[0], settings, names) == quiet
 
 
 def test_of_a_fade_nothing_is_kept():

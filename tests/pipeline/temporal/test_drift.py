@@ -156,5 +156,5 @@ def test_only_frames_that_follow_one_another_tell(step, noticed):
         luma = _shifted(0.3 * number)
         views = tuple(View(view_id=name, luma=luma) for name in "lr")
         frame = MultiViewFrame(frame_index=number, views=views, left="l", right="r")
-        found.append(memory.drifts(frame, ("l", "r"), 0.0))
+        found.append(memory.seen.drifts(frame, ("l", "r"), 0.0))
     assert any(found) == noticed

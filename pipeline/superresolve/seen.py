@@ -1,0 +1,140 @@
+"""What looking at the frames of a chain has told: their noise, what stands still, what drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pipeline.config import Settings
+from pipeline.frames import MultiViewFrame, View
+from pipeline.noise import estimate_noise
+from pipeline.temporal.drift import KEPT, Detail, detail_of, goes_on_changing
+from pipeline.temporal.lagging import has_few_tiles, much_lags
+from pipeline.temporal.still import Still, first_seen, seen_again
+from pipeline.threads import map_threads
+
+NOISE_JUMP = 0.25
+"""Share of a view's noise by which it may differ from one look at it to the next without the other
+views being looked at, too."""
+
+LEAST_NOISE = 1.0
+"""Noise of which that is a share, at least, grey levels."""
+
+QUIETER = 0.7
+"""Share of the noise before below which means and results of frames before are worse than a frame
+of its own."""
+
+
+@dataclass(kw_only=True, eq=False)
+class Seen:
+    """What looking at the frames of a chain has told of its views.
+
+    Nothing in it is written over: a shallow copy is what was known at that time.
+    """
+
+    still: dict[str, Still] = field(default_factory=dict)
+    """By view: what stands still, its mean, and what has just changed."""
+    is_quieter: bool = False
+    """Whether the noise last asked for has fallen so far that what came before it is of no use."""
+    _noise: dict[str, float] = field(default_factory=dict)
+    """By view, grey levels."""
+    _details: dict[str, tuple[Detail, ...]] = field(default_factory=dict)
+    """By target, of the last frames looked at."""
+    _detailed: int = -1
+    """Index of the last of them."""
+
+    def begun_again(self) -> Seen:
+        """Return what is left of it to a new chain in a picture that goes on as it did."""
+        return Seen(_details=self._details, _detailed=self._detailed)
+
+    def noise(self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]) -> float:
+        """Return the noise of the settings, or that of the frame's views, grey levels.
+
+        Of a chain's frames after the first, one view is looked at, another one in each; all of
+        them where that one has another noise than before.
+        """
+        if settings.noise_sigma is not None:
+            return settings.noise_sigma
+        known, before = self._noise, self.known_noise(view_ids)
+        due = [name for name in view_ids if name not in known]
+        if not due:
+            one = view_ids[frame.frame_index % len(view_ids)]
+            self._look_at(frame, [one])
+            if abs(self._noise[one] - known[one]) > NOISE_JUMP * max(known[one], LEAST_NOISE):
+                due = [name for name in view_ids if name != one]
+        self._look_at(frame, due)
+        noise = float(np.median([self._noise[name] for name in view_ids]))
+        self.is_quieter = before is not None and before > LEAST_NOISE and noise < QUIETER * before
+        return noise
+
+    def _look_at(self, frame: MultiViewFrame, view_ids: Sequence[str]) -> None:
+        """Estimate the noise of some views."""
+        found = map_threads(estimate_noise, [frame.view(name).luma for name in view_ids])
+        self._noise = {**self._noise, **dict(zip(view_ids, found, strict=True))}
+
+    def known_noise(self, view_ids: Sequence[str]) -> float | None:
+        """Return the noise that frames before have shown, grey levels; None: none has."""
+        found = [self._noise[name] for name in view_ids if name in self._noise]
+        return float(np.median(found)) if len(found) == len(view_ids) else None
+
+    def drifts(self, frame: MultiViewFrame, targets: Sequence[str], noise: float) -> bool:
+        """Return whether a target goes on changing all over; to be asked of each frame once.
+
+        Frames that follow one another tell; of others, changes in unlike times would be compared.
+        """
+        follows = frame.frame_index == self._detailed + 1
+        before = self._details if follows else {}
+
+        def look(target: str) -> tuple[tuple[Detail, ...], bool]:
+            now = detail_of(frame.view(target).luma)
+            details = (*before.get(target, ())[1 - KEPT :], now)
+            return details, goes_on_changing(details, noise)
+
+        found = map_threads(look, targets)
+        looked_at = zip(targets, found, strict=True)
+        self._details = before | {target: details for target, (details, _) in looked_at}
+        self._detailed = frame.frame_index
+        return any(goes_on for _, goes_on in found)
+
+    def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
+        """Take note of a frame that is not computed."""
+        names = [view.view_id for view in frame.views]
+        noise = self.noise(frame, settings, names)
+        if self.is_quieter:
+            self.still = {}
+        self.averaged(frame, noise)
+
+    def averaged(self, frame: MultiViewFrame, noise: float) -> MultiViewFrame:
+        """Return the frame with what stands still averaged over the frames before."""
+
+        def seen(view: View) -> Still:
+            before = self.still.get(view.view_id)
+            return first_seen(view.luma) if before is None else seen_again(view.luma, before, noise)
+
+        found = map_threads(seen, frame.views)
+        seen_now = {view.view_id: still for view, still in zip(frame.views, found, strict=True)}
+        self.still = {**self.still, **seen_now}
+        views = [
+            replace(view, luma=still.mean) for view, still in zip(frame.views, found, strict=True)
+        ]
+        return replace(frame, views=tuple(views))
+
+    def lags(self, targets: Sequence[str]) -> bool:
+        """Return whether much of what was kept of a target has just proved to lag behind.
+
+        Of small pictures, whether much of any view has.
+        """
+        looked_at = [self.still[target] for target in targets]
+        if has_few_tiles(looked_at[0].mean.shape):
+            looked_at = list(self.still.values())
+        return any(much_lags(still.lagging) for still in looked_at)
+
+    def begins_to_lag(self, targets: Sequence[str]) -> bool:
+        """Return whether what was kept of a target begins to lag behind."""
+        return any(self.still[target].begins_to_lag for target in targets)
+
+    def lags_all_over(self, targets: Sequence[str]) -> bool:
+        """Return whether all of what was kept of a target has just proved to lag behind."""
+        return any(self.still[target].lagging.all() for target in targets)
