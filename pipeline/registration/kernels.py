@@ -10,14 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.compiled import LEAN, OPTIONS
+from pipeline.compiled import INLINED, LEAN, OPTIONS
 
 PAD = 2
 """Pixels of padding around spline coefficients."""
-
-INLINED = {**OPTIONS, "forceinline": True}
-"""Of what :func:`fit_patches` calls. Else it runs one machine code where it was just compiled and
-another one where it is loaded from the cache, whose sums are rounded in another order."""
 
 FITTED, TOO_FEW, DEGENERATE, RAN_AWAY = 1, 2, 3, 4
 """Status of a fit; in all but the first the patch keeps its start."""

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.compiled import OPTIONS
+from pipeline.compiled import INLINED, OPTIONS
 from pipeline.frames import GreyImage, Mask
 
 SIDE = 8
@@ -105,7 +105,7 @@ def _flow_at(
 _SLOPE, _ONE = np.array([-0.5, 0.0, 0.5]), np.array([1.0])
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def _compare(before, at, pitch, across, down, patch, slopes_x, slopes_y):
     """Return the sums of a patch's differences to another picture.
 
@@ -138,7 +138,7 @@ def _compare(before, at, pitch, across, down, patch, slopes_x, slopes_y):
     return total, square, along_x, along_y
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def _is_wanted(wanted, top, left):
     """Return whether a pixel of a patch is asked for."""
     found = np.uint8(0)
