@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from pipeline.config import Settings, Solver
 from pipeline.effort import FULL, SWIFT, Effort, looked_at, nearest_views
 from pipeline.frames import MultiViewFrame
 from pipeline.reconstruction.again import Again, Due
 from pipeline.reconstruction.alone import Restored, refreshed, restored
+from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.psf import Psf
 from pipeline.registration.again import AGAIN
 from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
@@ -31,6 +32,7 @@ from pipeline.superresolve.follow import follow
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import colour_of
 from pipeline.superresolve.stages import Stages
+from pipeline.temporal.still import Still
 from pipeline.threads import map_threads, set_threads, stoppable
 
 CHANGED = replace(NEW, settled=0.12, hold=4.2)
@@ -77,7 +79,11 @@ def restore_frame(
         memory.miss(names)
         if any(memory.seen.still[target].share_touched > MOSTLY_CHANGED for target in targets):
             memory.move_on()
-    return _made(frame, settings, targets, near, psf, noise, memory, effort, clock, stop)
+    ready = _Ready(
+        frame=frame, settings=settings, targets=targets, near=near, psf=psf, noise=noise,
+        memory=memory, effort=effort,
+    )  # fmt: skip
+    return _made(ready, clock, stop)
 
 
 def swift_frame(
@@ -131,88 +137,108 @@ def swift_frame(
                 memory.solve_again()
             return None
         memory.land(averaged, near, nearness)
-    return _made(averaged, settings, targets, near, psf, noise, memory, effort, clock, stop)
+    ready = _Ready(
+        frame=averaged, settings=settings, targets=targets, near=near, psf=psf, noise=noise,
+        memory=memory, effort=effort,
+    )  # fmt: skip
+    return _made(ready, clock, stop)
 
 
-def _made(
-    frame: MultiViewFrame,
-    settings: Settings,
-    targets: tuple[str, ...],
-    near: tuple[str, ...],
-    psf: Psf,
-    noise: float,
-    memory: Memory,
-    effort: Effort,
-    clock: Stages,
-    stop: Callable[[], bool] | None,
-) -> FrameResult:
-    """Return the result of a frame whose still parts have been averaged; ``near`` make the rest."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Ready:
+    """A frame for which nothing is to be registered, and how it is to be made."""
+
+    frame: MultiViewFrame
+    """Averaged over the frames in which it has stood still."""
+    settings: Settings
+    targets: tuple[str, ...]
+    near: tuple[str, ...]
+    """Views that what has changed is made of, if the effort says so."""
+    psf: Psf
+    noise: float
+    """Standard deviation, grey levels."""
+    memory: Memory
+    effort: Effort
+
+
+def _made(ready: _Ready, clock: Stages, stop: Callable[[], bool] | None) -> FrameResult:
+    """Return the result of a frame that is ready."""
+    frame, settings, targets, psf = ready.frame, ready.settings, ready.targets, ready.psf
     with stoppable(stop):
-        learned = chosen_filters(settings, psf, noise)
+        learned = chosen_filters(settings, psf, ready.noise)
         clock.done("preparation")
-        is_refreshed = effort.refresh_every is not None and settings.solver == Solver.FUSED
-        known = memory.known_views() if is_refreshed else {}
-
-        def restore(target: str) -> Restored:
-            left, still = memory.restored(target), memory.seen.still[target]
-            return restored(still, left, settings.grid, psf, noise, learned)
-
-        def again(target: str, made: Restored) -> Again:
-            still, every = memory.seen.still[target], effort.refresh_every
-            assert every is not None  # else there are no known views
-            refresh = in_turn(~still.touched, every, frame.frame_index)
-            due = [Due(wanted=refresh, noise=noise, tuning=STILL)]
-            if not effort.alone:
-                due.append(
-                    Due(
-                        wanted=still.touched,
-                        noise=noise,
-                        tuning=as_cold_where_quiet(CHANGED, noise) if effort.by_depth else WARM,
-                        views=near,
-                    )
-                )
-            views, offsets = known[target]
-            return Again(due=due, registered=views, offsets=offsets, start=made.estimate)
-
-        before = memory.shown(targets)
-        made = map_threads(restore, targets)
-        if effort.alone and effort.follow:
-            by_target = dict(zip(targets, made, strict=True))
-            follow(by_target, before, memory.seen.still, settings, psf, noise, frame.frame_index)
-        if known:
-            made = refreshed(
-                made, [again(*pair) for pair in zip(targets, made, strict=True)],
-                settings.grid, psf, learned,
-                residual_threshold=settings.residual_threshold or default_residual_threshold(noise),
-                most_steps=effort.steps, stop=stop,
-            )  # fmt: skip
-        found = dict(zip(targets, made, strict=True))
-        memory.keep_restored(frame, found)
+        made = _restored(ready, learned, stop)
+        ready.memory.keep_restored(frame, made)
         clock.done("reconstruction")
         images = {
             target: SuperResolvedImage(
                 view_id=target,
-                luma=made.shown,
+                luma=left.shown,
                 colour=colour_of(frame, settings, target, targets, psf),
             )
-            for target, made in found.items()
+            for target, left in made.items()
         }
     clock.done("chroma")
 
     def share_kept(target: str) -> float:
-        return 1 - memory.seen.still[target].share_touched if effort.by_depth else 0.0
+        by_depth = ready.effort.by_depth
+        return 1 - ready.memory.seen.still[target].share_touched if by_depth else 0.0
 
     report = FrameReport(
         frame_index=frame.frame_index,
-        noise_sigma=noise,
+        noise_sigma=ready.noise,
         noise_is_estimated=settings.noise_sigma is None,
         psf_sigma=psf.sigma,
         psf_support=psf.support,
         psf_is_estimated=settings.psf == "auto",
         targets=tuple(
-            report_restored(target, settings, effort, share_kept(target)) for target in targets
+            report_restored(target, settings, ready.effort, share_kept(target))
+            for target in targets
         ),
-        effort=effort,
+        effort=ready.effort,
         timings=clock.timings,
     )
     return FrameResult(frame_index=frame.frame_index, images=images, report=report)
+
+
+def _restored(
+    ready: _Ready, learned: LearnedFilters | None, stop: Callable[[], bool] | None
+) -> dict[str, Restored]:
+    """Return the targets, made of themselves alone and then, if the effort says so, of others."""
+    settings, psf, noise, effort = ready.settings, ready.psf, ready.noise, ready.effort
+    memory, still = ready.memory, ready.memory.seen.still
+    is_refreshed = effort.refresh_every is not None and settings.solver == Solver.FUSED
+    known = memory.known_views() if is_refreshed else {}
+
+    def alone(target: str) -> Restored:
+        return restored(still[target], memory.restored(target), settings.grid, psf, noise, learned)
+
+    def again(target: str, start: Restored) -> Again:
+        views, offsets = known[target]
+        due = _due(ready, still[target])
+        return Again(due=due, registered=views, offsets=offsets, start=start.estimate)
+
+    before = memory.shown(ready.targets)
+    made = dict(zip(ready.targets, map_threads(alone, ready.targets), strict=True))
+    if effort.alone and effort.follow:
+        follow(made, before, still, settings, psf, noise, ready.frame.frame_index)
+    if known:
+        found = refreshed(
+            list(made.values()), [again(*pair) for pair in made.items()], settings.grid, psf,
+            learned, most_steps=effort.steps, stop=stop,
+            residual_threshold=settings.residual_threshold or default_residual_threshold(noise),
+        )  # fmt: skip
+        made = dict(zip(ready.targets, found, strict=True))
+    return made
+
+
+def _due(ready: _Ready, still: Still) -> list[Due]:
+    """Return what of a target is made again, of all views or of those near."""
+    noise, effort = ready.noise, ready.effort
+    assert effort.refresh_every is not None  # something is made again
+    refresh = in_turn(~still.touched, effort.refresh_every, ready.frame.frame_index)
+    due = [Due(wanted=refresh, noise=noise, tuning=STILL)]
+    if not effort.alone:
+        tuning = as_cold_where_quiet(CHANGED, noise) if effort.by_depth else WARM
+        due.append(Due(wanted=still.touched, noise=noise, tuning=tuning, views=ready.near))
+    return due
