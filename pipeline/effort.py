@@ -38,6 +38,11 @@ class Effort:
     looked at for that, and not by motions of what was there before. Where nothing can land so, the
     frame is registered in full."""
 
+    in_turn: bool = False
+    """True, with ``register`` false: of two eyes one is made of other views where it changes, in
+    turn, and follows its own past; the other one follows it. What has changed meanwhile of that one
+    has its turn in the next frame."""
+
     register_every: int = 1
     """Frames from one in which a view's motions are found anew to the next, other views having
     their turn in each, ≥ 1; between, they are kept."""
@@ -69,6 +74,8 @@ class Effort:
             raise ConfigurationError("effort: others must be looked at where not alone")
         if self.by_depth and (self.register or self.alone):
             raise ConfigurationError("effort: by_depth is of motions that are kept")
+        if self.in_turn and (self.register or self.alone):
+            raise ConfigurationError("effort: in_turn is of motions that are kept")
 
     @property
     def registers(self) -> bool:

@@ -23,14 +23,14 @@ an iterator of frames.
 
 The order in which quality goes is the ladder's (:func:`ladder`): first fewer steps of the solver,
 then the motions of each view found anew more seldom, then fewer views for what changes (those that
-stand farthest from the eyes go first), then motions that are kept as they are, then each eye of
-itself alone where it changes, then nothing followed that moves, then no view but the eyes, last
-nothing but where they change. As soon as frames cost more than there is time for, the controller
-goes down to the rung whose frames, by what these cost and by the work of either rung, have time
-enough: at once where the first frame of a rung costs a multiple of its time. It goes a rung up only
-after a long calm, longer each time that it had to be taken back; until what that rung takes is
-there, frames are made on the one below. A frame that would be begun too late is dropped, and
-counted.
+stand farthest from the eyes go first), then motions that are kept as they are, of one eye in turn,
+which the other one follows, then each eye of itself alone where it changes, then nothing followed
+that moves, then no view but the eyes, last nothing but where they change. As soon as frames cost
+more than there is time for, the controller goes down to the rung whose frames, by what these cost
+and by the work of either rung, have time enough: at once where the first frame of a rung costs a
+multiple of its time. It goes a rung up only after a long calm, longer each time that it had to be
+taken back; until what that rung takes is there, frames are made on the one below. A frame that
+would be begun too late is dropped, and counted.
 """
 
 from __future__ import annotations
@@ -73,6 +73,9 @@ each step."""
 FOLLOWED = 0.05
 """What is added where what has changed is looked for in the frame before and the other eye."""
 
+IN_TURN = 0.5
+"""Share of what other views add where they are asked for one eye, in turn, and that is followed."""
+
 LANDED_PER_VIEW = 0.008
 """What each view adds besides where that lands by its depth."""
 
@@ -82,12 +85,12 @@ READ_PER_VIEW, DEPTH_PER_VIEW = 0.004, 0.009
 ALONE = 0.05
 """The same of one whose eyes are made of themselves alone."""
 
-BY_DEPTH_VIEWS, BY_DEPTH_STEPS = 4, 3
-"""Views of which what changes is made, and steps, where it lands by depth and all are too much."""
+BY_DEPTH_STEPS = 3
+"""Steps where what changes lands by its depth and all views are too much."""
 
 KEPT_STEPS = 2
-"""Steps where motions are kept and all views are too much: three quarters of them in two steps
-cost hardly more than two in four, and give more."""
+"""Steps where motions are kept and all views are too much: a view costs less than a step, and gives
+more."""
 
 REFRESH_EVERY = 8
 """Frames within which what stands still is made again, low on the ladder."""
@@ -160,7 +163,8 @@ class Rung:
             if effort.alone:
                 return work + FOLLOWED * effort.follow
             landed = LANDED_PER_VIEW if effort.by_depth else 0.0
-            return work + KEPT + views * (KEPT_PER_VIEW + landed) + steps * KEPT_PER_STEP
+            others = KEPT + views * (KEPT_PER_VIEW + landed) + steps * KEPT_PER_STEP
+            return work + (IN_TURN * others + FOLLOWED if effort.in_turn else others)
         of_view = PER_VIEW * (1 - REGISTRATION + REGISTRATION / effort.register_every)
         return BASE + views * of_view + steps * PER_STEP
 
@@ -188,6 +192,8 @@ class Rung:
             parts.append(f"views registered every {effort.register_every} frames")
         if effort.views is not None:
             parts.append(f"{effort.views} views for what changes")
+        if effort.in_turn:
+            parts.append("of one eye in turn")
         return ", ".join(parts) or "full quality"
 
 
@@ -209,43 +215,39 @@ def ladder(num_views: int, num_eyes: int = 2, *, has_depth: bool = False) -> tup
     2 steps, views registered every 8 frames, 6 views for what changes
     2 steps, views registered every 8 frames, 4 views for what changes
     motions kept
-    2 steps, motions kept, 6 views for what changes
-    2 steps, motions kept, 2 views for what changes
+    2 steps, motions kept, 6 views for what changes, of one eye in turn
+    2 steps, motions kept, 4 views for what changes, of one eye in turn
     what changes alone, followed
     what changes alone
     each eye alone, what stands still made again
     each eye alone
 
-    >>> for rung in ladder(8, has_depth=True)[2:7]:
+    >>> for rung in ladder(8, has_depth=True)[2:8]:
     ...     print(rung)
     2 steps
     what changes lands by its depth
-    3 steps, what changes lands by its depth, 4 views for what changes
-    2 steps, motions kept, 6 views for what changes
-    2 steps, motions kept, 2 views for what changes
+    3 steps, what changes lands by its depth, 6 views for what changes, of one eye in turn
+    3 steps, what changes lands by its depth, 4 views for what changes, of one eye in turn
+    2 steps, motions kept, 6 views for what changes, of one eye in turn
+    2 steps, motions kept, 4 views for what changes, of one eye in turn
     """
     efforts = [FULL, *(Effort(steps=steps) for steps in STEPS)]
+    shares = (max(2, num_eyes, round(share * num_views)) for share in VIEWS)
+    few = [count for count in dict.fromkeys(shares) if count < num_views]
     if num_views > 1 and has_depth:
+        landed = replace(SWIFT, steps=BY_DEPTH_STEPS, in_turn=num_eyes > 1)
         efforts.append(SWIFT)
+        efforts += [replace(landed, views=views) for views in few] or [landed]
     elif num_views > 1:
         efforts += [replace(efforts[-1], register_every=every) for every in REGISTER_EVERY]
-        counts = [max(num_eyes, round(share * num_views)) for share in VIEWS]
-        efforts += [
-            replace(efforts[-1], views=count)
-            for count, above in zip(counts, (num_views, *counts), strict=False)
-            if count < above
-        ]
+        efforts += [replace(efforts[-1], views=views) for views in few]
+        efforts.append(Effort(register=False))
     if num_views > 1:
-        efforts.append(
-            replace(SWIFT, views=BY_DEPTH_VIEWS, steps=BY_DEPTH_STEPS)
-            if has_depth and num_views > BY_DEPTH_VIEWS >= num_eyes
-            else Effort(register=False)
-        )
-        if 1 < num_eyes < num_views / 2:
-            efforts += [
-                Effort(register=False, steps=KEPT_STEPS, views=views, refresh_every=REFRESH_EVERY)
-                for views in (round(VIEWS[0] * num_views), num_eyes)
-            ]
+        if num_eyes > 1:
+            kept = Effort(
+                register=False, steps=KEPT_STEPS, refresh_every=REFRESH_EVERY, in_turn=True
+            )
+            efforts += [replace(kept, views=views) for views in few if views > num_eyes]
         alone = Effort(alone=True, refresh_every=REFRESH_EVERY)
         efforts += [alone, replace(alone, follow=False)]
         efforts.append(

@@ -33,8 +33,15 @@ class Restored:
     frames: npt.NDArray[np.float32]
     """(H, W): of how many frames the pixels observed were the mean when they were restored;
     infinite where all views had made it."""
+    alone: Mask | None = None
+    """(H, W): what of it this frame has restored; None: nothing."""
     again: Mask | None = None
-    """(H, W): what all views have made of it in this frame; None: nothing."""
+    """(H, W): what other views have made of it in this frame; None: nothing."""
+
+    @property
+    def waiting(self) -> Mask | None:
+        """(H, W): what this frame has restored and no other views have made since."""
+        return self.alone if self.alone is None or self.again is None else self.alone & ~self.again
 
 
 def restored(
@@ -70,7 +77,7 @@ def restored(
         put_pixels(estimate, part, wanted[box], box, grid)
         put_pixels(shown, np.clip(part, 0.0, 255.0), wanted[box], box, grid)
     np.copyto(frames, count, where=wanted)
-    return Restored(estimate=estimate, shown=shown, frames=frames)
+    return Restored(estimate=estimate, shown=shown, frames=frames, alone=wanted)
 
 
 def made_better(

@@ -1,4 +1,8 @@
-"""What moves followed, where each eye is made of itself alone: in time, and from eye to eye."""
+"""What moves followed, where an eye is made of itself alone: in time, and from eye to eye.
+
+One of two eyes is made better by what the frame before has shown of it, the other one by the first,
+in turn: so each of them takes from the other's past, too, and either costs one search at most.
+"""
 
 from __future__ import annotations
 
@@ -30,55 +34,70 @@ class Shown:
     """(K·H, K·W), made of it."""
 
 
-def follow(
-    made: Mapping[str, Restored],
-    before: Mapping[str, Shown],
-    still: Mapping[str, Still],
-    settings: Settings,
-    psf: Psf,
-    noise: float,
-    frame_index: int,
-) -> None:
-    """Make what has changed of targets better, in place.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Following:
+    """What of the targets of a frame is followed, and where it was."""
 
-    One of two eyes by what the frame before has shown of it, the other one by the first, in turn:
-    so each of them takes from the other's past, too, and either costs one search.
+    leaders: Mapping[str, str | None]
+    """By target that is followed, the one that it is made better by; None: its own past."""
+    before: Mapping[str, Shown]
+    still: Mapping[str, Still]
+    flows: dict[str, Flow]
+    """By such a target, from it to there; what is not there is left to :meth:`find`."""
+    settings: Settings
+    psf: Psf
+    noise: float
+    """Standard deviation of a single frame, grey levels."""
+
+    @property
+    def sought(self) -> list[str]:
+        """Targets whose motion is still to be found."""
+        return [target for target in self.leaders if target not in self.flows]
+
+    def find(self, target: str) -> None:
+        """Find the motion of a target."""
+        leader, now = self.leaders[target], self.still[target]
+        there = self.before[target].observed if leader is None else self.still[leader].mean
+        self.flows[target] = flow_of(now.mean, there, now.touched)
+
+    def improve(self, made: Mapping[str, Restored], *, leads: bool) -> None:
+        """Make what has changed better, in place: of the leaders, or of those that follow them.
+
+        Parameters
+        ----------
+        made : mapping of target ids to Restored
+            Each made of itself alone, the leaders perhaps of other views, too.
+        """
+
+        def improve(target: str) -> None:
+            leader, still, grid = self.leaders[target], self.still[target], self.settings.grid
+            picture = self.before[target].shown if leader is None else made[leader].shown
+            predicted = moved_here(
+                made[target].shown, picture, self.flows[target], still.touched, grid
+            )
+            made_better(made[target], predicted, still, grid, self.psf, self.noise)
+
+        map_threads(improve, [name for name in self.flows if (self.leaders[name] is None) is leads])
+
+
+def followable(
+    targets: Sequence[str], before: Mapping[str, Shown], still: Mapping[str, Still]
+) -> list[str]:
+    """Return the targets that may be followed, in their order.
 
     Parameters
     ----------
-    made : mapping of target ids to Restored
-        Each made of itself alone, left to right.
     before : mapping of target ids to Shown
         Of the frame before; targets that it has not are not followed.
     still : mapping of view ids to Still
-    noise : float
-        Standard deviation of a single frame, grey levels.
     """
-    targets = [
+    return [
         target
-        for target in made
+        for target in targets
         if target in before
         and still[target].share_touched <= MUCH_CHANGED
         and min(still[target].mean.shape) >= SIDE
     ]
-    leaders = leaders_of(targets, frame_index)
-
-    def found(target: str) -> Flow:
-        leader = leaders[target]
-        there = before[target].observed if leader is None else still[leader].mean
-        return flow_of(still[target].mean, there, still[target].touched)
-
-    flows = dict(zip(targets, map_threads(found, targets), strict=True))
-
-    def improve(target: str) -> None:
-        leader = leaders[target]
-        picture = before[target].shown if leader is None else made[leader].shown
-        touched = still[target].touched
-        predicted = moved_here(made[target].shown, picture, flows[target], touched, settings.grid)
-        made_better(made[target], predicted, still[target], settings.grid, psf, noise)
-
-    for leads in (True, False):
-        map_threads(improve, [name for name in targets if (leaders[name] is None) is leads])
 
 
 def leaders_of(targets: Sequence[str], frame_index: int) -> dict[str, str | None]:

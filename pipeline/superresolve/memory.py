@@ -20,6 +20,7 @@ from pipeline.registration.register import Previous, ViewRegistration
 from pipeline.superresolve.follow import Shown
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.superresolve.seen import Seen
+from pipeline.temporal.flow import Flow
 from pipeline.temporal.initial import BlockMatch, match_blocks
 from pipeline.temporal.moving import has_moved
 from pipeline.threads import map_threads
@@ -244,6 +245,32 @@ class Memory:
         self.previous = replace(previous, registrations=registrations)
         self._missed = {name: mask for name, mask in self._missed.items() if name not in views}
         self._has_landed = True
+
+    def landed_flows(self, leaders: Mapping[str, str | None]) -> dict[str, Flow]:
+        """Return from where to where a target lands on the one that leads it, by its depth map.
+
+        Parameters
+        ----------
+        leaders : mapping of target ids to target ids or None
+            Those that None leads have no such flow.
+        """
+        assert self.previous is not None  # something has landed
+        found = {}
+        for target, leader in leaders.items():
+            if leader is None:
+                continue
+            positions = next(
+                one.registered.position
+                for one in self.previous.registrations[leader]
+                if one.registered.view_id == target
+            )
+            height, width = positions.shape[:2]
+            flow = found[target] = np.empty_like(positions)
+            np.subtract(positions[..., 0], np.arange(width, dtype=np.float32), out=flow[..., 0])
+            np.subtract(
+                positions[..., 1], np.arange(height, dtype=np.float32)[:, None], out=flow[..., 1]
+            )
+        return found
 
     def matches(
         self, frame: MultiViewFrame, targets: Sequence[str], noise: float

@@ -6,12 +6,14 @@ The measurements that chose the constants: docs/experiments.md#swift-frames.
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from pipeline.config import Settings, Solver
 from pipeline.effort import FULL, SWIFT, Effort, looked_at, nearest_views
-from pipeline.frames import MultiViewFrame
+from pipeline.frames import Mask, MultiViewFrame
 from pipeline.reconstruction.again import Again, Due
 from pipeline.reconstruction.alone import Restored, refreshed, restored
 from pipeline.reconstruction.learned import LearnedFilters
@@ -28,7 +30,7 @@ from pipeline.superresolve.due import (
     as_cold_where_quiet,
     in_turn,
 )
-from pipeline.superresolve.follow import follow
+from pipeline.superresolve.follow import Following, followable, leaders_of
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import colour_of
 from pipeline.superresolve.stages import Stages
@@ -210,18 +212,35 @@ def _restored(
     is_refreshed = effort.refresh_every is not None and settings.solver == Solver.FUSED
     known = memory.known_views() if is_refreshed else {}
 
+    before = memory.shown(ready.targets)
+    lefts = {target: memory.restored(target) for target in ready.targets}
+    is_followed = effort.in_turn or (effort.alone and effort.follow)
+    leaders = leaders_of(
+        followable(ready.targets, before, still) if is_followed else [], ready.frame.frame_index
+    )
+    following = Following(
+        leaders=leaders, before=before, still=still, settings=settings, psf=psf, noise=noise,
+        flows=memory.landed_flows(leaders) if effort.by_depth else {},
+    )  # fmt: skip
+
     def alone(target: str) -> Restored:
-        return restored(still[target], memory.restored(target), settings.grid, psf, noise, learned)
+        return restored(still[target], lefts[target], settings.grid, psf, noise, learned)
 
     def again(target: str, start: Restored) -> Again:
         views, offsets = known[target]
-        due = _due(ready, still[target])
+        left = lefts[target] if effort.in_turn else None
+        is_led = effort.in_turn and leaders.get(target) is not None
+        due = _due(ready, still[target], None if left is None else left.waiting, is_led=is_led)
         return Again(due=due, registered=views, offsets=offsets, start=start.estimate)
 
-    before = memory.shown(ready.targets)
-    made = dict(zip(ready.targets, map_threads(alone, ready.targets), strict=True))
-    if effort.alone and effort.follow:
-        follow(made, before, still, settings, psf, noise, ready.frame.frame_index)
+    # the searches beside what is restored: they need nothing of it
+    tasks: list[Callable[[], Any]] = [functools.partial(alone, name) for name in ready.targets]
+    tasks += [functools.partial(following.find, name) for name in following.sought]
+    done = map_threads(lambda task: task(), tasks)
+    made = dict(zip(ready.targets, done, strict=False))
+    following.improve(made, leads=True)
+    if effort.alone:
+        following.improve(made, leads=False)
     if known:
         found = refreshed(
             list(made.values()), [again(*pair) for pair in made.items()], settings.grid, psf,
@@ -229,16 +248,27 @@ def _restored(
             residual_threshold=settings.residual_threshold or default_residual_threshold(noise),
         )  # fmt: skip
         made = dict(zip(ready.targets, found, strict=True))
+    if effort.in_turn:
+        following.improve(made, leads=False)
     return made
 
 
-def _due(ready: _Ready, still: Still) -> list[Due]:
-    """Return what of a target is made again, of all views or of those near."""
+def _due(ready: _Ready, still: Still, waiting: Mask | None, *, is_led: bool) -> list[Due]:
+    """Return what of a target is made again, of all views or of those near.
+
+    Parameters
+    ----------
+    waiting : (H, W) bool, optional
+        What has changed before and was not made of others yet.
+    is_led : bool
+        Whether the target follows another one where it changes, and has its turn later.
+    """
     noise, effort = ready.noise, ready.effort
     assert effort.refresh_every is not None  # something is made again
-    refresh = in_turn(~still.touched, effort.refresh_every, ready.frame.frame_index)
+    wanted = still.touched if waiting is None else still.touched | waiting
+    refresh = in_turn(~wanted, effort.refresh_every, ready.frame.frame_index)
     due = [Due(wanted=refresh, noise=noise, tuning=STILL)]
-    if not effort.alone:
+    if not (effort.alone or is_led):
         tuning = as_cold_where_quiet(CHANGED, noise) if effort.by_depth else WARM
-        due.append(Due(wanted=still.touched, noise=noise, tuning=tuning, views=ready.near))
+        due.append(Due(wanted=wanted, noise=noise, tuning=tuning, views=ready.near))
     return due

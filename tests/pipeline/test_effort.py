@@ -22,6 +22,7 @@ SCENE = SampleScene(width=112, height=80, num_views=5)
 TARGETS = tuple(SCENE.view_ids[number] for number in SCENE.reference_views)
 ALONE = {"alone": True, "refresh_every": None}
 EYES = {"alone": True, "refresh_every": 2, "others": False}
+TURN = {"register": False, "in_turn": True, "views": 4, "steps": 2, "refresh_every": 2}
 SETTINGS = Settings(psf_sigma=1.0, noise_sigma=1.0, sampling="decimation", temporal="warm")
 
 
@@ -46,6 +47,18 @@ def _score(result, number):
     return psnr(result.images[TARGETS[0]].luma, _truth(number), border=12)
 
 
+def _scores(result, number):
+    """Return those of both eyes."""
+    pictures = (SCENE.render_hr(place, number / SCENE.fps) for place in SCENE.reference_views)
+    truths = [cv2.cvtColor(one, cv2.COLOR_RGB2GRAY).astype(np.float32) for one in pictures]
+    return np.array(
+        [
+            psnr(result.images[target].luma, truth, border=12)
+            for target, truth in zip(TARGETS, truths, strict=True)
+        ]
+    )
+
+
 def test_depth_is_looked_at_of_the_views_that_need_it():
     ids, targets = ("a", "b", "c", "d", "e", "f"), ("c", "d")
     few = replace(SWIFT, views=4)
@@ -54,6 +67,13 @@ def test_depth_is_looked_at_of_the_views_that_need_it():
     assert depth_looked_at(few, ids, targets) == ("b", "c", "d", "e")
     assert set(looked_at(few, ids, targets, 1)) > {"b", "c", "d", "e"}
     assert depth_looked_at(Effort(register=False), ids, targets) == ()
+
+
+@pytest.mark.parametrize("wrong", [{"by_depth": True}, {"in_turn": True}])
+@pytest.mark.parametrize("where", [{}, {"alone": True, "register": False}])
+def test_what_is_of_kept_motions_is_refused_elsewhere(wrong, where):
+    with pytest.raises(ConfigurationError, match="of motions that are kept"):
+        Effort(**wrong, **where)
 
 
 @pytest.mark.parametrize(
@@ -118,6 +138,31 @@ def test_motions_are_kept_where_they_need_not_be_found_again(frames):
         assert _score(kept, number) > _score(less, number) + 0.2
     _take(frames[4], memory)
     assert memory.previous is not motions
+
+
+def test_one_eye_in_turn_is_made_of_other_views_and_the_other_one_follows_it(frames):
+    """Both are better in every frame than where each is made alone and followed."""
+    turn, alone = Memory(), Memory()
+    for number, frame in enumerate(frames):
+        results = [
+            _take(frame, memory, **(effort if number else {}))
+            for memory, effort in ((turn, TURN), (alone, {"alone": True, "refresh_every": 2}))
+        ]
+        if number > 0:
+            ours, theirs = (_scores(result, number) for result in results)
+            assert (ours > theirs + 0.1).all()
+
+
+def test_of_one_eye_in_turn_what_waits_is_made_up_for(frames):
+    """What changed in a frame in which an eye followed is made of other views in the next one."""
+    memory = Memory()
+    _take(frames[0], memory)
+    for number, frame in enumerate(frames[1:4], 1):
+        _take(frame, memory, **TURN)
+        order = TARGETS if number % 2 == 0 else TARGETS[::-1]
+        ahead, behind = (memory.restored(name) for name in order)
+        assert not ahead.waiting.any()
+        assert behind.waiting[memory.seen.still[order[1]].touched].all()
 
 
 def test_without_motions_that_could_be_kept_each_eye_is_made_alone(frames):
@@ -269,7 +314,7 @@ def test_an_eye_of_itself_alone_keeps_what_stands_still_and_no_ghost_of_what_mov
         before = result
 
 
-@pytest.mark.parametrize("less", [{"register": False}, {"alone": True}, EYES, ALONE], ids=str)
+@pytest.mark.parametrize("less", [{"register": False}, TURN, {"alone": True}, EYES, ALONE], ids=str)
 def test_what_was_made_with_less_is_made_with_all_again(frames, less):
     memory, whole = Memory(), Memory()
     for number, frame in enumerate(frames):
@@ -278,7 +323,7 @@ def test_what_was_made_with_less_is_made_with_all_again(frames, less):
     assert _score(result, 6) > _score(expected, 6) - 0.2
 
 
-@pytest.mark.parametrize("less", [{"register": False}, {"alone": True}, EYES, ALONE], ids=str)
+@pytest.mark.parametrize("less", [{"register": False}, TURN, {"alone": True}, EYES, ALONE], ids=str)
 def test_a_cut_is_seen_through_where_nothing_is_registered(frames, less):
     memory = Memory()
     _take(frames[0], memory)

@@ -99,7 +99,7 @@ def test_each_rung_has_less_than_the_one_above_in_the_stated_order(num_views, nu
         effort = rung.effort
         return (
             not effort.alone, effort.refresh_every is not None, effort.others, effort.follow,
-            effort.register, effort.by_depth,
+            effort.register, effort.by_depth, not effort.in_turn,
             effort.views or infinite, -effort.register_every, effort.steps or infinite,
         )  # fmt: skip
 

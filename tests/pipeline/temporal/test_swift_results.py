@@ -58,12 +58,22 @@ def _with_luma(frame, change):
     )
 
 
-def _both(frames):
-    """Return the last of the frames, at the end of a chain of all of them, and cold."""
-    worker = _worker()
-    for frame in frames:
-        ours = worker.take(frame)
+def _both(frames, effort=None):
+    """Return the last of the frames, at the end of a chain of all of them, and cold.
+
+    Parameters
+    ----------
+    effort : Effort, optional
+        Of the frames from the first one on that need not be registered; default: swift ones.
+    """
+    worker = _worker() if effort is None else _worker("warm")
+    for number, frame in enumerate(frames):
+        held = effort is not None and number >= FIRST
+        ours = worker.take(frame, effort=effort) if held else worker.take(frame)
     return ours, _worker("cold").take(frames[-1])
+
+
+IN_TURN = replace(SWIFT, views=3, steps=3, in_turn=True)
 
 
 @pytest.mark.parametrize("depth", ["true", "stereo"])
@@ -133,16 +143,17 @@ def _mean_score(result, number):
 def test_of_the_nearest_views_alone_what_changes_is_better_by_depth_than_by_kept_motions():
     frames = [SCENE.frame(number, noise_sigma=NOISE) for number in range(7)]
     scores = []
-    few = replace(SWIFT, views=3, steps=3)
-    for effort in (SWIFT, few, replace(few, by_depth=False)):
+    few = replace(IN_TURN, in_turn=False)
+    for effort in (SWIFT, few, replace(few, by_depth=False), IN_TURN):
         worker = _worker("warm")
         worker.take(frames[0])
         results = [worker.take(frame, effort=effort) for frame in frames[1:]]
         assert all(result.report.effort == effort for result in results)
         scores.append([_mean_score(result, n) for n, result in enumerate(results, 1)])
-    of_all, of_few, kept = np.array(scores)
+    of_all, of_few, kept, of_one = np.array(scores)
     assert (of_few > of_all - 0.7).all()
     assert (of_few > kept).all()
+    assert (of_one > kept).all()
 
 
 def test_depth_is_asked_of_no_view_that_what_changes_is_not_made_of():
@@ -175,37 +186,60 @@ def test_where_a_rate_is_held_and_nothing_can_land_a_frame_is_registered(lost, q
     assert _is_swift(again)
 
 
+def _small_and_fast(quiet, number):
+    """Return a frame of a thing that jumps by four of its sides, and where it is, LR pixels."""
+    left, top = 10 + STEP * (number - FIRST), 40
+
+    def change(luma):
+        if number >= FIRST:
+            luma[top : top + SIDE, left : left + SIDE] = 250
+        return luma
+
+    around = (
+        slice(2 * (top - 2), 2 * (top + SIDE + 2)),
+        slice(2 * (left - 2), 2 * (left + SIDE + 2)),
+    )
+    return _with_luma(quiet[number], change), around
+
+
 def test_a_small_fast_thing_leaves_no_ghost_and_is_all_there(quiet):
-    """It jumps by four of its sides: nothing of it may stay behind, nothing of it be missing."""
-
-    def place(number):
-        return 10 + STEP * (number - FIRST), 40
-
-    def shown(number):
-        left, top = place(number)
-
-        def change(luma):
-            if number >= FIRST:
-                luma[top : top + SIDE, left : left + SIDE] = 250
-            return luma
-
-        return _with_luma(quiet[number], change)
-
-    ours, other = _both([shown(number) for number in range(FIRST + 4)])
+    """Nothing of it may stay behind, nothing of it be missing."""
+    frames, places = zip(
+        *(_small_and_fast(quiet, number) for number in range(FIRST + 4)), strict=True
+    )
+    ours, other = _both(frames)
     assert _is_swift(ours)
     for target in TARGETS:
         difference = np.abs(ours.images[target].luma - other.images[target].luma)
         for number in range(FIRST, FIRST + 4):
-            left, top = place(number)
-            here = difference[
-                2 * (top - 2) : 2 * (top + SIDE + 2), 2 * (left - 2) : 2 * (left + SIDE + 2)
-            ]
+            here = difference[places[number]]
             assert here.mean() < 2.5, f"where it was in frame {number}"
             assert here.max() < 30.0
         assert psnr(ours.images[target].luma, other.images[target].luma) > 40
 
 
-def test_a_flash_in_a_part_of_the_picture_does_not_stay(quiet):
+def test_of_one_eye_in_turn_no_more_is_left_of_it_than_where_each_is_made_alone(quiet):
+    """Neither where it was nor where it is, in the eye that leads and in the one that follows."""
+    frames, places = zip(
+        *(_small_and_fast(quiet, number) for number in range(FIRST + 4)), strict=True
+    )
+    for count in (0, 1):
+        shown = frames[: len(frames) - count]
+        (ours, other), (alone, _) = (
+            _both(shown, effort) for effort in (IN_TURN, Effort(alone=True, follow=False))
+        )
+        assert _is_swift(ours)
+        for target in TARGETS:
+            for around in places[FIRST : len(shown)]:
+                left, most = (
+                    np.abs(one.images[target].luma - other.images[target].luma)[around].mean()
+                    for one in (ours, alone)
+                )
+                assert left < most
+
+
+@pytest.mark.parametrize("effort", [None, IN_TURN], ids=["swift", "in turn"])
+def test_a_flash_in_a_part_of_the_picture_does_not_stay(quiet, effort):
     """A quarter of the picture flashes in one frame and is as before in the next."""
 
     def flash(luma):
@@ -214,7 +248,7 @@ def test_a_flash_in_a_part_of_the_picture_does_not_stay(quiet):
 
     flashing = [*quiet[: FIRST + 1], _with_luma(quiet[FIRST + 1], flash), quiet[FIRST + 2]]
     for count in (1, 0):
-        ours, other = _both(flashing[: len(flashing) - count])
+        ours, other = _both(flashing[: len(flashing) - count], effort)
         assert _is_swift(ours)
         for target in TARGETS:
             difference = ours.images[target].luma - other.images[target].luma
