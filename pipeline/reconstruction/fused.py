@@ -258,8 +258,9 @@ def by_power(value: float, powers: tuple[float, float]) -> float:
 
 
 def agreement_weights(
-    error: GreyImage, noise: float, tuning: FusedTuning
-) -> npt.NDArray[np.float32]:
+    predicted: GreyImage, observed: GreyImage, noise: float, tuning: FusedTuning,
+    threshold: float, flags: npt.NDArray[np.uint8],
+) -> npt.NDArray[np.float32]:  # fmt: skip
     """Return the weight of each LR pixel from the prediction error around it, (H, W) 0..1.
 
     The error is low-passed first: what the reference view alone cannot predict, because it
@@ -270,20 +271,15 @@ def agreement_weights(
 
     Parameters
     ----------
-    error : (H, W) float32
-        Simulated − observed, grey levels; NaN where there is nothing to compare.
+    predicted, observed : (H, W) float32
+        Grey levels; what is predicted is NaN where there is nothing to compare.
     noise : float
         Grey levels.
+    threshold : float
+        T_R, grey levels: pixels predicted worse are flagged.
+    flags : (H, W) uint8
+        See :class:`Rejection`; changed in place.
     """
-    flags = np.zeros(error.shape, np.uint8)
-    return _weights(error, np.zeros_like(error), noise, tuning, np.inf, flags)
-
-
-def _weights(
-    predicted: GreyImage, observed: GreyImage, noise: float, tuning: FusedTuning,
-    threshold: float, flags: npt.NDArray[np.uint8],
-) -> npt.NDArray[np.float32]:  # fmt: skip
-    """Return the weights of a view's pixels; those predicted worse than T_R are flagged."""
     constant, factor = tuning.agreement
     kernel = cv2.getGaussianKernel(7, tuning.low_pass)[:, 0]
     passed = float((kernel**2).sum() ** 2)
@@ -393,7 +389,7 @@ def fuse(
         is_correctable = learned is not None and noise >= CORRECTED_FROM
 
         def agreement_of(index: int) -> npt.NDArray[np.float32]:
-            return _weights(
+            return agreement_weights(
                 sample(coefficients, *points[index]), registered[index].observed, noise, tuning,
                 residual_threshold, flags[index],
             )  # fmt: skip

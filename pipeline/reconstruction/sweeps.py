@@ -367,37 +367,6 @@ def _sharp(row, fine, smoothed, out):
 
 
 @njit(**OPTIONS)
-def add_prior(image, prior, strength, lo, hi, out):
-    """Add λ P times the image to rows of ``out``, in place; see :func:`look_and_sharpen`."""
-    width = image.shape[1]
-    _add_prior(
-        image, prior, strength, lo, hi, out,
-        np.zeros((4, 1 + width + TAIL), np.float32), np.zeros((2, width + TAIL), np.float32),
-    )  # fmt: skip
-
-
-@njit(**LEAN)
-def _add_prior(image, prior, strength, lo, hi, out, around, line):
-    height, width = image.shape
-    length, plane, pitch = around.shape[1], prior.shape[1] * prior.shape[2], prior.shape[2]
-    nothing = np.float32(0.0)
-    for y in range(lo, hi):
-        for near in range(max(0, y - 1) if y == lo else y + 1, min(height, y + 2)):
-            copy_row(image[near], around[near % 3, 1:])
-        above = (y - 1) % 3 if y > 0 else 3
-        below = (y + 1) % 3 if y + 1 < height else 3
-        copy_row(out[y], line[0])
-        for x in range(0, width, WIDE):
-            at = 1 + x
-            pull_wide(
-                prior, (y + 1) * pitch + at, plane, pitch, around, above * length + at,
-                y % 3 * length + at, below * length + at, np.float32(-strength), nothing,
-                np.float32(1.0), line[0], line[1], x,
-            )  # fmt: skip
-        copy_row(line[0, :width], out[y])
-
-
-@njit(**OPTIONS)
 def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
     """Write the prior's weights a step from the estimate into its rows ``lo`` to ``hi``.
 

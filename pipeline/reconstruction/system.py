@@ -79,7 +79,7 @@ def _halves(taps: SeparableTaps) -> tuple[npt.NDArray[np.float32], npt.NDArray[n
 
 
 class NormalEquations:
-    """Accumulates observations, then applies the system's matrix and solves it.
+    """Accumulates observations, then solves the system that they make.
 
     Parameters
     ----------
@@ -180,35 +180,6 @@ class NormalEquations:
             return np.outer(self._down[2], self._across[2])
         inner = self._couplings[0, PAD:-PAD, PAD : PAD + self.shape[1]]
         return inner * self._units[PAD:-PAD, None]
-
-    def apply(
-        self, image: HrImage, prior: npt.NDArray[np.uint16], scale: float, strength: float
-    ) -> HrImage:
-        """Return (Bᵀ M B + λ P) times the image, a new array.
-
-        Parameters
-        ----------
-        prior : (4, KH + 1, KW + 1 + TAIL) uint16
-            Of :meth:`edge_weights`, for the same ``scale``.
-        strength : float
-            λ.
-        """
-        out = np.empty(self.shape, np.float32)
-        self._turn(image, 0.0, image, prior, 0.0, out)
-        unit = _unit(strength, scale)
-        map_threads(lambda band: sweeps.add_prior(image, prior, unit, *band, out), self._bands)
-        return out
-
-    def edge_weights(self, estimate: HrImage, scale: float) -> npt.NDArray[np.uint16]:
-        """Return the prior's weights at an estimate, see :func:`sweeps.weigh_prior`."""
-        weights = self._room_for_weights()
-        map_threads(
-            lambda band: sweeps.weigh_prior(
-                0.0, estimate, estimate, scale, self._local, *band, weights
-            ),
-            self._bands,
-        )
-        return weights
 
     def descend(
         self,

@@ -282,25 +282,30 @@ def test_noise_is_tolerated_by_the_weights():
         assert np.mean(_fuse(views, grid, noise=noise).weights[1:]) > 0.5
 
 
+def _agreement(error: np.ndarray) -> np.ndarray:
+    """The weights of pixels that are predicted wrongly by so much, at noise 1."""
+    flags = np.zeros(error.shape, np.uint8)
+    return agreement_weights(error, np.zeros_like(error), 1.0, FusedTuning(), np.inf, flags)
+
+
 def test_agreement_weights_fall_with_the_error_and_are_zero_where_there_is_nothing():
-    tuning = FusedTuning()
     error = np.zeros((20, 31), np.float32)
     error[:, 20:] = 12.0
     error[4, 5] = np.nan
-    weights = agreement_weights(error, 1.0, tuning)
+    weights = _agreement(error)
     assert weights.dtype == np.float32
     assert weights[4, 5] == 0
     assert weights[10, 3] == 1
     assert weights[10, 28] < 0.2
     assert 0 <= weights.min() <= weights.max() <= 1
     falling = [
-        float(agreement_weights(np.full((9, 9), level, np.float32), 1.0, tuning)[4, 4])
+        float(_agreement(np.full((9, 9), level, np.float32))[4, 4])
         for level in (0, 2, 4, 8, 16, 1000)
     ]
     assert falling == sorted(falling, reverse=True)
     assert falling[0] == 1
     assert falling[-1] < 0.05
-    assert agreement_weights(-error, 1.0, tuning)[10, 28] == weights[10, 28]
+    assert _agreement(-error)[10, 28] == weights[10, 28]
 
 
 # --- flags -------------------------------------------------------------------------------

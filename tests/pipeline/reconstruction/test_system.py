@@ -52,6 +52,37 @@ def _system(
     return system
 
 
+def _weights_at(system: NormalEquations, estimate: np.ndarray, scale: float) -> np.ndarray:
+    """The prior's weights at an estimate."""
+    prior = system._room_for_weights()
+    for band in system._bands:
+        sweeps.weigh_prior(0.0, estimate, estimate, scale, system._local, *band, prior)
+    return prior
+
+
+def _data_times(system: NormalEquations, image: np.ndarray) -> np.ndarray:
+    """BᵀMB times the image, as :meth:`NormalEquations.descend` has it."""
+    out = np.empty_like(image)
+    system._turn(image, 0.0, image, _no_prior(system.shape), 0.0, out)
+    return out
+
+
+def _prior_times(image: np.ndarray, prior: np.ndarray, scale: float) -> np.ndarray:
+    """P times the image: what the prior pulls it by, of a preconditioner that does nothing."""
+    nothing, pull = np.zeros_like(image), np.empty_like(image)
+    system = NormalEquations(image.shape, TAPS, NO_SHARPENING)
+    unit = 1 / (scale * sweeps.TOP)
+    system._look(
+        0.0, image.copy(), nothing, nothing.copy(), nothing, False, prior, scale, unit, 1.0, pull
+    )
+    return -pull
+
+
+def _times(system: NormalEquations, image, prior, scale: float, strength: float) -> np.ndarray:
+    """(BᵀMB + λ P) times the image."""
+    return _data_times(system, image) + np.float32(strength) * _prior_times(image, prior, scale)
+
+
 def _seen(image, x, y, taps=TAPS) -> np.ndarray:
     """What is observed at the points; zero outside, as the system has it."""
     return np.nan_to_num(simulate(image, taps, x, y)).astype(float)
@@ -67,7 +98,7 @@ def test_the_energy_of_an_image_is_that_of_its_samples(shape, seed):
     x, y, value, weight = _observations(shape, seed=seed)
     system = _system((x, y, value, weight), shape=shape)
     image = _image(shape, seed)
-    applied = system.apply(image, _no_prior(shape), 1.0, 0.0)
+    applied = _data_times(system, image)
     energy = np.vdot(applied.astype(float), image)
     expected = (weight * _seen(image, x, y) ** 2).sum()
     assert energy == pytest.approx(expected, rel=2e-4, abs=1.0)
@@ -95,9 +126,9 @@ def test_the_right_hand_side_is_adjoint_to_simulation(seed):
 @given(seed=st.integers(0, 99), strength=st.floats(0, 2))
 def test_the_matrix_is_symmetric_and_positive(seed, strength):
     system = _system(_observations(seed=seed))
-    prior = system.edge_weights(_image(seed=seed + 5), 8.0)
+    prior = _weights_at(system, _image(seed=seed + 5), 8.0)
     first, second = (_image(seed=seed + k) - np.float32(100) for k in range(2))
-    applied = [system.apply(image, prior, 8.0, strength) for image in (first, second)]
+    applied = [_times(system, image, prior, 8.0, strength) for image in (first, second)]
     one = np.vdot(applied[0].astype(float), second)
     two = np.vdot(applied[1].astype(float), first)
     assert abs(one - two) < 1e-5 * np.linalg.norm(applied[0]) * np.linalg.norm(second)
@@ -106,10 +137,10 @@ def test_the_matrix_is_symmetric_and_positive(seed, strength):
 
 def test_the_matrix_is_linear():
     system = _system(_observations())
-    prior = system.edge_weights(_image(seed=7), 8.0)
+    prior = _weights_at(system, _image(seed=7), 8.0)
     first, second = _image(seed=1), _image(seed=2)
     both, one, two = (
-        system.apply(image, prior, 8.0, 0.3) for image in (2 * first - second, first, second)
+        _times(system, image, prior, 8.0, 0.3) for image in (2 * first - second, first, second)
     )
     apart = 2 * one - two
     np.testing.assert_allclose(both, apart, atol=0.02 * np.abs(apart).max() * 0.01 + 0.01)
@@ -122,8 +153,8 @@ def test_views_add_up():
     first, second = _observations(seed=1), _observations(count=(4, 5), seed=2)
     together, *apart = _system(first, second), _system(first), _system(second)
     image = _image()
-    applied = sum(system.apply(image, _no_prior(), 1.0, 0.0) for system in apart)
-    found = together.apply(image, _no_prior(), 1.0, 0.0)
+    applied = sum(_data_times(system, image) for system in apart)
+    found = _data_times(together, image)
     np.testing.assert_allclose(found, applied, atol=2e-4 * np.abs(found).max())
     np.testing.assert_allclose(together.density, sum(system.density for system in apart), atol=1e-4)
 
@@ -133,7 +164,7 @@ def test_gathering_takes_the_place_of_what_was_gathered_before():
     system = _system(first)
     system.gather([second])
     image = _image()
-    found, expected = (one.apply(image, _no_prior(), 1.0, 0.0) for one in (system, _system(second)))
+    found, expected = (_data_times(one, image) for one in (system, _system(second)))
     np.testing.assert_array_equal(found, expected)
 
 
@@ -151,8 +182,8 @@ def test_regular_places_are_places_like_others(magnification, sampling):
     regular = _system(shape=shape, taps=taps)
     regular.gather_regular(observed, grid)
     image = _image(shape, 4)
-    expected = gathered.apply(image, _no_prior(shape), 1.0, 0.0)
-    found = regular.apply(image, _no_prior(shape), 1.0, 0.0)
+    expected = _data_times(gathered, image)
+    found = _data_times(regular, image)
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
     np.testing.assert_allclose(regular.density, gathered.density, atol=1e-4)
     start = np.full(shape, 99, np.float32)
@@ -174,15 +205,14 @@ def test_weights_scale_what_they_weigh_and_zero_leaves_out():
     x, y, value, weight = _observations()
     image = _image()
     once, thrice = (
-        _system((x, y, value, np.float32(factor) * weight)).apply(image, _no_prior(), 1.0, 0.0)
-        for factor in (1, 3)
+        _data_times(_system((x, y, value, np.float32(factor) * weight)), image) for factor in (1, 3)
     )
     np.testing.assert_allclose(thrice, 3 * once, rtol=1e-3, atol=1e-2)
     nothing = _system((x, y, value, 0 * weight))
     assert not nothing.density.any()
     value[weight == 0] = np.nan
     x[weight == 0] = np.nan
-    again = _system((x, y, value, weight)).apply(image, _no_prior(), 1.0, 0.0)
+    again = _data_times(_system((x, y, value, weight)), image)
     np.testing.assert_array_equal(again, once)
 
 
@@ -192,7 +222,7 @@ def test_points_outside_the_image_bring_nothing(bad):
     x[:], weight[:] = bad, 1
     system = _system((x, y, value, weight))
     assert not system.density.any()
-    assert not system.apply(_image(), _no_prior(), 1.0, 0.0).any()
+    assert not _data_times(system, _image()).any()
 
 
 def test_density_is_where_the_observations_are():
@@ -264,7 +294,7 @@ def test_one_thread_or_two_gather_and_solve_the_same_bits():
         for threads in (1, 2):
             set_threads(threads)
             system = _system(_observations(count=(30, 40)))
-            prior = system.edge_weights(_image(), 5.0)
+            prior = _weights_at(system, _image(), 5.0)
             found = system.descend(np.zeros(HR_SHAPE, np.float32), 5.0, 0.1, 4)
             results.append((system.density.copy(), prior, found))
     finally:
@@ -284,8 +314,8 @@ def test_sweeps_by_bands_are_the_same_bits(regular, cuts):
     results = []
     for split in ([0, HR_SHAPE[0]], [0, *sorted(set(cuts)), HR_SHAPE[0]]):
         system._bands = list(pairwise(split))
-        prior = system.edge_weights(_image(seed=3), 5.0)
-        applied = system.apply(image, prior, 5.0, 0.7)
+        prior = _weights_at(system, _image(seed=3), 5.0)
+        applied = _times(system, image, prior, 5.0, 0.7)
         looked = []
         for renew in (False, True):
             direction, residual, matrix = (_image(seed=seed) for seed in (5, 6, 7))
@@ -308,10 +338,9 @@ def test_sweeps_by_bands_are_the_same_bits(regular, cuts):
 
 
 def test_a_constant_image_has_no_prior_energy():
-    system = _system()
-    prior = system.edge_weights(_image(), 6.0)
+    prior = _weights_at(_system(), _image(), 6.0)
     flat = np.full(HR_SHAPE, 77, np.float32)
-    np.testing.assert_allclose(system.apply(flat, prior, 6.0, 1.0), 0, atol=1e-4)
+    np.testing.assert_allclose(_prior_times(flat, prior, 6.0), 0, atol=1e-4)
 
 
 NEIGHBOURS = ((0, 0, 1, 1.0), (1, 1, -1, 0.5), (2, 1, 0, 1.0), (3, 1, 1, 0.5))
@@ -324,8 +353,8 @@ def test_the_prior_is_the_sum_over_neighbours_of_weighted_squares(shape):
     at, image = _image(shape, 4), _image(shape, 5).astype(float)
     system = _system(shape=shape)
     scale = 6.0
-    prior = system.edge_weights(at, scale)
-    applied = system.apply(image.astype(np.float32), prior, scale, 1.0)
+    prior = _weights_at(system, at, scale)
+    applied = _prior_times(image.astype(np.float32), prior, scale)
     expected = 0.0
     height, width = shape
     for row, column in np.ndindex(shape):
@@ -343,7 +372,7 @@ def test_the_prior_is_the_sum_over_neighbours_of_weighted_squares(shape):
 def test_weights_of_the_prior_follow_the_mean_square_around_in_sixteen_bits(shape):
     at, scale = _image(shape, 4), 6.0
     local = _image(shape, 8) / np.float32(255)
-    prior = _system(shape=shape, local=local).edge_weights(at, scale)
+    prior = _weights_at(_system(shape=shape, local=local), at, scale)
     height, width = shape
     for plane, down, right, _ in NEIGHBOURS:
         inside = np.zeros(shape, bool)
@@ -376,7 +405,7 @@ def _mean_around(values):
 def test_the_prior_smooths_flat_parts_and_lets_edges_be():
     step = np.full((12, 20), 50, np.float32)
     step[:, 10:] = 200
-    weights = _system(shape=step.shape).edge_weights(step, 5.0)
+    weights = _weights_at(_system(shape=step.shape), step, 5.0)
     right, below = weights[0, 1:, 1:], weights[2, 1:, 1:]
     assert right[3, 4] == pytest.approx(sweeps.TOP, rel=1e-3)
     assert right[3, 9] < 0.01 * sweeps.TOP
@@ -389,7 +418,7 @@ def test_a_noisy_pixel_is_no_edge():
     edge, pixel = (np.full((9, 9), 50, np.float32) for _ in range(2))
     edge[:, 4] = pixel[4, 4] = 80
     of_edge, of_pixel = (
-        float(_system(shape=(9, 9)).edge_weights(image, 5.0)[0, 5, 5]) for image in (edge, pixel)
+        float(_weights_at(_system(shape=(9, 9)), image, 5.0)[0, 5, 5]) for image in (edge, pixel)
     )
     assert of_pixel > 1.5 * of_edge
 
@@ -454,12 +483,12 @@ def test_all_phases_without_noise_give_the_truth(magnification, sampling):
 def test_residuals_of_the_normal_equations_fall():
     system = _system(_observations(count=(20, 30)))
     start = np.zeros(HR_SHAPE, np.float32)
-    prior = system.edge_weights(start, 5.0)
+    prior = _weights_at(system, start, 5.0)
     solution = system.descend(start, 5.0, 0.1, 200, hold=200)
     distances = []
     for steps in (0, 1, 3, 6, 12, 25):
         away = system.descend(start, 5.0, 0.1, steps, hold=200) - solution
-        distances.append(np.vdot(away, system.apply(away, prior, 5.0, 0.1)))
+        distances.append(np.vdot(away, _times(system, away, prior, 5.0, 0.1)))
     assert all(later < earlier for earlier, later in pairwise(distances))
     assert distances[-1] < 1e-2 * distances[0]
 
@@ -586,6 +615,6 @@ def test_taps_of_another_kind_work_as_well():
     x, y, value, weight = _observations()
     system = _system((x, y, value, weight), taps=box)
     image = _image()
-    energy = np.vdot(system.apply(image, _no_prior(), 1.0, 0.0).astype(float), image)
+    energy = np.vdot(_data_times(system, image).astype(float), image)
     expected = (weight * _seen(image, x, y, box) ** 2).sum()
     assert energy == pytest.approx(expected, rel=2e-4)
