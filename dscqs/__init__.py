@@ -9,5 +9,6 @@ Nothing here knows of super-resolution, HTTP or the command line: a stimulus is 
   front of both, :mod:`views` of them; kept by :mod:`store` or :mod:`sqlite_store`;
 * what comes of it: :mod:`votes`, :mod:`record`; :mod:`dscqs.statistics`, :mod:`dscqs.report`,
   :mod:`dscqs.exchange` with other programs;
-* :mod:`simulated` assessors; ``page`` has the pages that assessors and operators see.
+* :mod:`simulated` assessors; ``page`` has the pages that assessors and operators see;
+* :mod:`errors`: what can go wrong.
 """

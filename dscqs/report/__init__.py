@@ -4,6 +4,10 @@ What a web page or a command calls::
 
     table = parse_csv(text)                        # or read_scores(path), or the store's votes
     page = html_report(table, title="Set 1", log=[LogEntry(time="…", event="vote", …)])
+
+* :mod:`content`: the report as a sequence of :mod:`blocks`: :mod:`tables`, :mod:`plots` (their
+  look is :mod:`style`), paragraphs of :mod:`methods`; :mod:`numbers` as they are printed;
+* :mod:`html`, :mod:`pdf`: what writes the blocks down.
 """
 
 from __future__ import annotations

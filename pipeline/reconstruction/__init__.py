@@ -12,5 +12,5 @@ depth, layers or cameras. Intensities are grey levels, places HR pixels where no
   points corrected by what is predicted;
 * :mod:`psf`: the point spread function; :mod:`coverage`: the sub-pixel phases that are filled;
 * in a chain of frames: :mod:`again` and :mod:`parts` (only what is due), :mod:`alone` (a view of
-  itself, only what has changed).
+  itself, only what has changed), :mod:`followed` (the same, made better by another picture of it).
 """

@@ -9,6 +9,7 @@ consumes that and knows nothing of depth, layers or cameras. Here the
 * :mod:`registered`: what it hands to the second;
 * :mod:`reconstruct`: the second half, images of the targets;
 * :mod:`restore`: images of a frame for which nothing is registered;
+* :mod:`follow`: what moves in such a frame, taken from the frame before and the other eye;
 * :mod:`due`: what of them is made again in a chain of frames, and how thoroughly;
 * :mod:`chain`: what of the frames before holds for a frame;
 * :mod:`memory`: what one frame of a chain leaves to the next;

@@ -5,6 +5,7 @@ Not in the thesis, which computes every frame on its own. Nothing here registers
 
 * :mod:`still`: what stands still, averaged over time;
 * :mod:`initial`: blocks found again in the frame before, and its result moved along with them;
+* :mod:`flow`: small patches found again to a fraction of a pixel, for what moves;
 * :mod:`moving`: a moving camera told from a cut;
 * :mod:`drift`, :mod:`lagging`: what changes little by little, all over or in parts;
 * :mod:`neighbours`: pixels of the frames before and after as constraints (``--temporal-window``).
