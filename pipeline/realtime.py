@@ -66,6 +66,9 @@ CHANGED_ALONE, REFRESH_PER_VIEW = 0.06, 0.056
 """Work of a frame whose eyes are made of themselves alone where they change, and what each view
 adds if all that stands still is refreshed."""
 
+REFRESHED_SELDOM = 0.6
+"""Share of that where an eye is alone or one of two has its turn: most of it has had it before."""
+
 KEPT, KEPT_PER_VIEW, KEPT_PER_STEP = 0.048, 0.0165, 0.013
 """What is added where what changes is made by kept motions, by each view that it is made of and by
 each step."""
@@ -159,7 +162,9 @@ class Rung:
         views = num_views if effort.views is None else effort.views
         steps = FULL_STEPS if effort.steps is None else effort.steps
         if not effort.registers:
-            work = CHANGED_ALONE + num_views * REFRESH_PER_VIEW / effort.refresh_every
+            refresh = num_views * REFRESH_PER_VIEW / effort.refresh_every
+            is_seldom = effort.alone or effort.in_turn
+            work = CHANGED_ALONE + refresh * (REFRESHED_SELDOM if is_seldom else 1.0)
             if effort.alone:
                 return work + FOLLOWED * effort.follow
             landed = LANDED_PER_VIEW if effort.by_depth else 0.0

@@ -52,6 +52,10 @@ STILL = FusedTuning(alone=0.0, together=2, prior_detail=(0.25, 0.5))
 is rich in detail than elsewhere in a chain: where it says little, frames long ago are seen for
 longer, and a picture jumps where segments meet."""
 
+SELDOM = 3
+"""Turns of which one is enough, where a rate is held, for what was made of means of more than half
+as many frames before."""
+
 MOSTLY_CHANGED = 0.9
 """Share of the pixels, halos included, from which what has changed is not worth being cut out:
 all is reconstructed again at once."""
@@ -114,6 +118,23 @@ def in_turn(wanted: Mask, every: int, frame_index: int) -> Mask:
     rows = slice(edges[turn], edges[turn + 1])
     part[rows] = wanted[rows]
     return part
+
+
+def in_turn_or_seldom(wanted: Mask, ripe: Mask, every: int, frame_index: int) -> Mask:
+    """Return the part of the pixels wanted whose turn it is; a share of them if they are not ripe.
+
+    Parameters
+    ----------
+    ripe : (H, W) bool
+        The others have every ``SELDOM``-th turn, a share of the columns in each, so that no frame
+        costs more than the others.
+    """
+    part = in_turn(wanted, every, frame_index)
+    edges = np.linspace(0, wanted.shape[1], SELDOM + 1).astype(int)
+    turn = frame_index // every % SELDOM
+    has_turn = ripe.copy()
+    has_turn[:, edges[turn] : edges[turn + 1]] = True
+    return part & has_turn
 
 
 def frames_solved(

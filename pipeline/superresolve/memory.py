@@ -314,6 +314,14 @@ class Memory:
             frames=np.full_like(solved.frames, np.inf),
         )  # fmt: skip
 
+    def is_ripe(self, target: str) -> Mask:
+        """Return where a target's pixels are means of twice as many frames as when it was made.
+
+        Or where it was made of itself alone, (H, W).
+        """
+        count, frames = self.seen.still[target].count, self._solved[target].frames
+        return np.ones(count.shape, np.bool_) if frames is None else count >= 2 * frames
+
     def shown(self, targets: Sequence[str]) -> dict[str, Shown]:
         """Return what the last frame has left of these targets, as far as it has any."""
         found = {target: self.restored(target) for target in targets}

@@ -29,12 +29,12 @@ from pipeline.superresolve.due import (
     WARM,
     as_cold_where_quiet,
     in_turn,
+    in_turn_or_seldom,
 )
 from pipeline.superresolve.follow import Following, followable, leaders_of
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import colour_of
 from pipeline.superresolve.stages import Stages
-from pipeline.temporal.still import Still
 from pipeline.threads import map_threads, set_threads, stoppable
 
 CHANGED = replace(NEW, settled=0.12, hold=4.2)
@@ -230,7 +230,7 @@ def _restored(
         views, offsets = known[target]
         left = lefts[target] if effort.in_turn else None
         is_led = effort.in_turn and leaders.get(target) is not None
-        due = _due(ready, still[target], None if left is None else left.waiting, is_led=is_led)
+        due = _due(ready, target, None if left is None else left.waiting, is_led=is_led)
         return Again(due=due, registered=views, offsets=offsets, start=start.estimate)
 
     # the searches beside what is restored: they need nothing of it
@@ -253,7 +253,7 @@ def _restored(
     return made
 
 
-def _due(ready: _Ready, still: Still, waiting: Mask | None, *, is_led: bool) -> list[Due]:
+def _due(ready: _Ready, target: str, waiting: Mask | None, *, is_led: bool) -> list[Due]:
     """Return what of a target is made again, of all views or of those near.
 
     Parameters
@@ -263,10 +263,15 @@ def _due(ready: _Ready, still: Still, waiting: Mask | None, *, is_led: bool) -> 
     is_led : bool
         Whether the target follows another one where it changes, and has its turn later.
     """
-    noise, effort = ready.noise, ready.effort
-    assert effort.refresh_every is not None  # something is made again
-    wanted = still.touched if waiting is None else still.touched | waiting
-    refresh = in_turn(~wanted, effort.refresh_every, ready.frame.frame_index)
+    noise, effort, memory = ready.noise, ready.effort, ready.memory
+    every, number = effort.refresh_every, ready.frame.frame_index
+    assert every is not None  # something is made again
+    touched = memory.seen.still[target].touched
+    wanted = touched if waiting is None else touched | waiting
+    if effort.alone or effort.in_turn:
+        refresh = in_turn_or_seldom(~wanted, memory.is_ripe(target), every, number)
+    else:
+        refresh = in_turn(~wanted, every, number)
     due = [Due(wanted=refresh, noise=noise, tuning=STILL)]
     if not (effort.alone or is_led):
         tuning = as_cold_where_quiet(CHANGED, noise) if effort.by_depth else WARM
