@@ -11,14 +11,23 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import EXACT, LEAN
 from pipeline.frames import GreyImage, Mask, Positions, Rejection
-from pipeline.registration import kernels
 
 _NO_MOTION, _OUTSIDE, _WEIGHT, _DEPTH, _EDGE, _OCCLUDED = (
     int(Rejection.NO_MOTION), int(Rejection.OUTSIDE), int(Rejection.WEIGHT),
     int(Rejection.DEPTH), int(Rejection.EDGE), int(Rejection.OCCLUDED),
 )  # fmt: skip
 """The bits as compiled loops know them."""
+
+INLINED = {**LEAN, "forceinline": True}
+"""Of what another loop calls: it is to be rounded alike, compiled now or loaded from the cache."""
+
+_NOWHERE = np.int32(-(2**31))
+"""What stands for the coefficients of a pixel that lands outside the reference."""
+
+_FAR = np.float32(1e9)
+"""Displacement that stands for none, LR pixels."""
 
 NO_WEIGHT = 1e6
 """Square that stands for a registration weight that there is none of, grey levels²."""
@@ -63,20 +72,86 @@ def registration_weights(
     """
     weights, renewed = before or (np.empty(source.shape, np.float32), np.ones(source.shape, bool))
     weights = weights.copy()
-    _weigh(reference_coefficients, position, source, offset, renewed, weights)
+    width = source.shape[1]
+    rows = tuple(np.empty(width, np.float32) for _ in range(3))
+    _weigh(
+        reference_coefficients, reference_coefficients.reshape(-1), position, source, offset,
+        renewed, rows, np.empty(width, np.int32), weights,
+    )  # fmt: skip
     return weights
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _weigh(reference, position, source, offset, renewed, weights):
-    """Write the registration weights of some pixels."""
-    for row in range(weights.shape[0]):
-        for column in range(weights.shape[1]):
-            if renewed[row, column]:
-                value = kernels.value_at(
-                    reference, position[row, column, 0], position[row, column, 1]
-                )
-                weights[row, column] = value - source[row, column] + offset[row, column]
+@njit(**LEAN)
+def _weigh(reference, taps, position, source, offset, renewed, rows, places, weights):
+    """Write the registration weights of some pixels; ``rows`` and ``places`` are scratch."""
+    along, down, value = rows
+    height, width = reference.shape[0] - 4, reference.shape[1] - 4
+    line = np.int64(reference.shape[1])
+    columns = weights.shape[1]
+    for y in range(weights.shape[0]):
+        row = np.uint64(y)
+        wanted = False
+        for k in range(columns):
+            x = np.uint64(k)
+            wanted |= renewed[row, x]
+            along[x], down[x] = position[row, x, 0], position[row, x, 1]
+        if not wanted:
+            continue
+        _place_row(along, down, np.float32(height), np.float32(width), np.int32(line), places)
+        start = 0
+        while start < columns:
+            place = places[np.uint64(start)]
+            end = start + 1
+            while end < columns and places[np.uint64(end)] == place:
+                end += 1
+            if place == _NOWHERE:
+                for k in range(start, end):
+                    value[np.uint64(k)] = np.float32(np.nan)
+            else:
+                _sample_beside(taps, np.int64(place), line, along, down, start, end, value)
+            start = end
+        for k in range(columns):
+            x = np.uint64(k)
+            weight = value[x] - source[row, x] + offset[row, x]
+            weights[row, x] = weight if renewed[row, x] else weights[row, x]
+
+
+@njit(**INLINED)
+def _place_row(along, down, height, width, line, places):
+    """Write which coefficients pixels of a row land on, and replace points by what is beyond them.
+
+    As long as a place, less the number of the pixel, stays the same, pixels land beside each other.
+    """
+    half, zero, one = np.float32(0.5), np.float32(0.0), np.int32(1)
+    for k in range(places.size):
+        x = np.uint64(k)
+        right, below = along[x] + half, down[x] + half
+        inside = (right > zero) & (below > zero) & (right < width) & (below < height)
+        i, j = np.int32(below if inside else zero), np.int32(right if inside else zero)
+        along[x] -= np.float32(j)
+        down[x] -= np.float32(i)
+        places[x] = (i + one) * line + j + one - np.int32(k) if inside else _NOWHERE
+
+
+@njit(**INLINED)
+def _sample_beside(taps, place, line, along, down, start, end, value):
+    """Write samples of a spline beside each other, the first coefficient of k at place + k."""
+    half, three_quarters = np.float32(0.5), np.float32(0.75)
+    for k in range(start, end):
+        x = np.uint64(k)
+        one, two = np.uint64(1), np.uint64(2)
+        a, b, c = np.uint64(place + k), np.uint64(place + line + k), np.uint64(place + 2 * line + k)
+        tx, ty = along[x], down[x]
+        x0 = half * (half - tx) * (half - tx)
+        x1 = three_quarters - tx * tx
+        x2 = half * (half + tx) * (half + tx)
+        y0 = half * (half - ty) * (half - ty)
+        y1 = three_quarters - ty * ty
+        y2 = half * (half + ty) * (half + ty)
+        above = x0 * taps[a] + x1 * taps[a + one] + x2 * taps[a + two]
+        own = x0 * taps[b] + x1 * taps[b + one] + x2 * taps[b + two]
+        below = x0 * taps[c] + x1 * taps[c + one] + x2 * taps[c + two]
+        value[x] = y0 * above + y1 * own + y2 * below
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -94,7 +169,7 @@ def _nearest_landing(position, nearness, nearest):
             nearest[i, j] = max(nearest[i, j], nearness[row, column])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _flag(
     position, squares, nearness, known, reference, reference_known, nearest, jumps, beside, limits,
     renewed, flags,
@@ -106,66 +181,108 @@ def _flag(
     z-buffer's margin and the stricter T_w² beside jumps.
     """
     height, width = reference.shape
-    for row in range(flags.shape[0]):
-        for column in range(flags.shape[1]):
+    half = np.float32(0.5)
+    right, bottom = np.float32(width) - half, np.float32(height) - half
+    largest, depth, margin, strict = limits[0], limits[1], limits[2], limits[3]
+    for y in range(flags.shape[0]):
+        row = np.uint64(y)
+        for x in range(flags.shape[1]):
+            column = np.uint64(x)
             if not renewed[row, column]:
                 continue
-            x, y = position[row, column, 0], position[row, column, 1]
+            u, v = position[row, column, 0], position[row, column, 1]
             square = squares[row, column]
-            bits = 0
-            if jumps[row, column] or (beside[row, column] and square > limits[3]):
-                bits = _EDGE
-            if not (np.isfinite(x) and np.isfinite(y)):
-                flags[row, column] = bits | _NO_MOTION
+            bits = np.uint8(0)
+            if jumps[row, column] or (beside[row, column] and square > strict):
+                bits = np.uint8(_EDGE)
+            if not (u > -half and v > -half and u < right and v < bottom):
+                seen = np.isfinite(u) and np.isfinite(v)
+                flags[row, column] = bits | np.uint8(_OUTSIDE if seen else _NO_MOTION)
                 continue
-            if not (x > -0.5 and y > -0.5 and x < width - 0.5 and y < height - 0.5):
-                flags[row, column] = bits | _OUTSIDE
-                continue
-            i, j = int(np.floor(y + 0.5)), int(np.floor(x + 0.5))
-            if square > limits[0]:
-                bits |= _WEIGHT  # Eq. (4), first case
+            # not negative, and unsigned numbers need no check that they are
+            i, j = np.uint64(v + 0.5), np.uint64(u + 0.5)
+            if square > largest:
+                bits |= np.uint8(_WEIGHT)  # Eq. (4), first case
             d = nearness[row, column]
             says = known[row, column] and reference_known[i, j]
-            if says and abs(reference[i, j] - d) > limits[1]:
+            if says and abs(reference[i, j] - d) > depth:
                 # a pixel beside an edge may belong to the surface next door
-                away = np.inf
-                for k in range(max(i - 1, 0), min(i + 2, height)):
-                    for m in range(max(j - 1, 0), min(j + 2, width)):
-                        if reference_known[k, m]:
-                            away = min(away, abs(reference[k, m] - d))
-                if away > limits[1]:
-                    bits |= _DEPTH  # Eq. (4), second case
-            if nearest[i, j] > d + limits[2]:
-                bits |= _OCCLUDED
+                away = _nearest_depth(reference, reference_known, np.int64(i), np.int64(j), d)
+                if away > depth:
+                    bits |= np.uint8(_DEPTH)  # Eq. (4), second case
+            if nearest[i, j] > d + margin:
+                bits |= np.uint8(_OCCLUDED)
             flags[row, column] = bits
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _jumps(position, limit, wanted, jumps):
+@njit(**EXACT)
+def _nearest_depth(reference, known, i, j, d):
+    """Return by how much the nearness around a pixel differs from another one at least."""
+    away = np.inf
+    for k in range(max(i - 1, 0), min(i + 2, reference.shape[0])):
+        for m in range(max(j - 1, 0), min(j + 2, reference.shape[1])):
+            if known[k, m]:
+                away = min(away, abs(reference[k, m] - d))
+    return away
+
+
+@njit(**EXACT)
+def _jumps(position, limit, wanted, rows, down, right, jumps):
     """Mark both pixels of adjacent ones whose displacements differ by more than the limit.
 
     A pixel without a motion makes a jump to one that has. ``wanted`` are the pixels that are
     compared with those to their right and below.
+
+    Parameters
+    ----------
+    rows : (4, W) float32
+        Scratch: displacements of two rows, along x and y of each.
+    down, right : (W,), (W + 1,) uint8
+        Scratch, zero: jumps from the row above, and from the pixel to the left.
     """
-    height, width = jumps.shape
-    for row in range(height):
-        for column in range(width):
-            if not wanted[row, column]:
-                continue
-            x = position[row, column, 0] - column
-            y = position[row, column, 1] - row
-            here = np.isfinite(x) and np.isfinite(y)
-            for side in range(2):
-                k = row + side
-                m = column + 1 - side
-                if k >= height or m >= width:
-                    continue
-                u = position[k, m, 0] - m
-                v = position[k, m, 1] - k
-                there = np.isfinite(u) and np.isfinite(v)
-                if here != there or (here and (abs(u - x) > limit or abs(v - y) > limit)):
-                    jumps[row, column] = 1
-                    jumps[k, m] = 1
+    height = jumps.shape[0]
+    above, above_y, own, own_y = rows[0], rows[1], rows[2], rows[3]
+    for y in range(height):
+        if y % 2 == 0:
+            u, v, next_u, next_v = above, above_y, own, own_y
+        else:
+            u, v, next_u, next_v = own, own_y, above, above_y
+        if y == 0:
+            _displacements(position, 0, u, v)
+        row = np.uint64(y)
+        if y + 1 < height:
+            _displacements(position, y + 1, next_u, next_v)
+            _mark_jumps(u, v, next_u, next_v, limit, wanted[row], down, right, jumps[row])
+        else:  # below the last row there is none
+            _mark_jumps(u, v, u, v, limit, wanted[row], down, right, jumps[row])
+
+
+@njit(**EXACT)
+def _displacements(position, y, u, v):
+    """Write the displacements of a row, something far away where there is none."""
+    row = np.uint64(y)
+    for k in range(u.size):
+        x = np.uint64(k)
+        along = position[row, x, 0] - np.float32(k)
+        below = position[row, x, 1] - np.float32(y)
+        moves = (abs(along) < np.inf) & (abs(below) < np.inf)
+        u[x] = along if moves else _FAR
+        v[x] = below if moves else _FAR
+
+
+@njit(**EXACT)
+def _mark_jumps(u, v, next_u, next_v, limit, wanted, down, right, jumps):
+    """Write the jumps of a row, ``down`` those of the next one from it; see :func:`_jumps`."""
+    for k in range(u.size - 1):
+        x, beside = np.uint64(k), np.uint64(k + 1)
+        apart = (abs(u[beside] - u[x]) > limit) | (abs(v[beside] - v[x]) > limit)
+        right[beside] = apart & wanted[x]
+    for k in range(u.size):
+        x, beside = np.uint64(k), np.uint64(k + 1)
+        apart = (abs(next_u[x] - u[x]) > limit) | (abs(next_v[x] - v[x]) > limit)
+        apart &= wanted[x]
+        jumps[x] = down[x] | apart | right[x] | right[beside]
+        down[x] = apart
 
 
 def verify(
@@ -248,10 +365,14 @@ def jumps_of_motion(position: Positions, wanted: Mask | None = None) -> npt.NDAr
     adjacent pixels, so that a slanted surface has none; a pixel without a motion makes one.
     Looked for at pixels wanted, by default at all.
     """
-    jumps = np.zeros(position.shape[:2], np.uint8)
+    height, width = position.shape[:2]
+    jumps = np.empty((height, width), np.uint8)
     if wanted is None:
         wanted = np.ones(jumps.shape, np.bool_)
-    _jumps(position, EDGE_JUMP, wanted, jumps)
+    _jumps(
+        position, np.float32(EDGE_JUMP), wanted, np.empty((4, width), np.float32),
+        np.zeros(width, np.uint8), np.zeros(width + 1, np.uint8), jumps,
+    )  # fmt: skip
     return jumps
 
 

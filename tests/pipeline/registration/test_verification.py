@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from pipeline.frames import Rejection
+from pipeline.registration import kernels
 from pipeline.registration.prepare import spline_coefficients
 from pipeline.registration.verification import (
     EDGE_JUMP,
@@ -258,6 +259,23 @@ def test_registration_weights_are_reference_minus_source_plus_offset():
     np.testing.assert_array_equal(np.isfinite(weights), inside)
     expected = reference[:-2, 3:] - source[2:, :-3] + 4.5
     np.testing.assert_allclose(weights[2:, :-3], expected, atol=0.25)
+
+
+def test_registration_weights_do_not_ask_how_pixels_land_beside_each_other():
+    rng = np.random.default_rng(4)
+    reference = spline_coefficients(rng.uniform(0, 255, (30, 40)).astype(np.float32))
+    smooth = _identity() + np.float32([0.3, 0.4]) + 0.07 * _identity()[..., ::-1]
+    scattered = rng.uniform(-3, 43, (*SHAPE, 2)).astype(np.float32)
+    position = np.where(rng.random((*SHAPE, 1)) < 0.7, smooth, scattered)
+    position[3, 4], position[7, :5], position[2, 9, 1] = np.nan, np.nan, np.inf
+    renewed = rng.random(SHAPE) < 0.8
+    renewed[5] = False
+    kept = np.full(SHAPE, 7, np.float32)
+    zeros = np.zeros(SHAPE, np.float32)
+    found = registration_weights(reference, position, zeros, zeros, before=(kept, renewed))
+    expected = [kernels.value_at(reference, *point) for point in position.reshape(-1, 2)]
+    expected = np.where(renewed, np.array(expected).reshape(SHAPE), 7)
+    np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
 def test_a_view_onto_itself_has_no_registration_weights():
