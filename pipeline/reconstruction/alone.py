@@ -17,7 +17,9 @@ from pipeline.reconstruction.fused import SMALLEST_NOISE, estimate_alone, parts_
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.parts import covering_boxes, put_pixels
 from pipeline.reconstruction.psf import Psf
+from pipeline.reconstruction.restoration import Restoration, restoration_of
 from pipeline.reconstruction.system import HrImage
+from pipeline.temporal.flow import Flow
 from pipeline.temporal.still import Still
 from pipeline.threads import map_threads
 
@@ -33,6 +35,8 @@ class Restored:
     frames: npt.NDArray[np.float32]
     """(H, W): of how many frames the pixels observed were the mean when they were restored;
     infinite where all views had made it."""
+    restoration: Restoration | None = None
+    """The linear filter that it was restored with; None: it was not."""
     alone: Mask | None = None
     """(H, W): what of it this frame has restored; None: nothing."""
     again: Mask | None = None
@@ -66,33 +70,42 @@ def restored(
         Standard deviation of a single frame, grey levels.
     """
     mean, count = still.mean, still.count
+    restoration = restoration_of(mean, grid, psf, max(noise, SMALLEST_NOISE))
     if before is None:
         estimate = estimate_alone(mean, grid, psf, noise, learned)
-        return Restored(estimate=estimate, shown=np.clip(estimate, 0.0, 255.0), frames=count.copy())
+        shown = np.clip(estimate, 0.0, 255.0)
+        return Restored(
+            estimate=estimate, shown=shown, frames=count.copy(), restoration=restoration
+        )  # fmt: skip
     wanted = still.touched | (count >= 2 * before.frames)
     boxes = covering_boxes(wanted)
     estimate, shown, frames = before.estimate, before.shown.copy(), before.frames.copy()
-    parts = parts_alone(mean, grid, psf, noise, learned, boxes)
+    parts = parts_alone(mean, restoration, grid, learned, boxes)
     for box, part in zip(boxes, parts, strict=True):
         put_pixels(estimate, part, wanted[box], box, grid)
         put_pixels(shown, np.clip(part, 0.0, 255.0), wanted[box], box, grid)
     np.copyto(frames, count, where=wanted)
-    return Restored(estimate=estimate, shown=shown, frames=frames, alone=wanted)
+    return Restored(
+        estimate=estimate, shown=shown, frames=frames, restoration=restoration, alone=wanted
+    )  # fmt: skip
 
 
 def made_better(
-    made: Restored, predicted: HrImage, still: Still, grid: Grid, psf: Psf, noise: float
+    made: Restored, other: HrImage, flow: Flow, still: Still, grid: Grid, psf: Psf, noise: float
 ) -> None:
-    """Make what has changed of a view better by what is predicted of it, in place.
+    """Make what has changed of a view that was restored better by another picture, in place.
 
     Parameters
     ----------
-    predicted : (K·H, K·W) float32
-        Of :func:`followed.moved_here`.
+    other : (K·H, K·W) float32
+        The other picture.
+    flow : (H, W, 2) float32
+        Where pixels of the view are in that.
     """
+    assert made.restoration is not None  # it was restored
     put_right(
-        made.estimate, made.shown, predicted, still.mean, still.touched, grid, psf,
-        max(noise, SMALLEST_NOISE),
+        made.estimate, made.shown, other, flow, still.mean, still.touched, made.restoration, grid,
+        psf, max(noise, SMALLEST_NOISE),
     )  # fmt: skip
 
 

@@ -15,18 +15,19 @@ The measurements that chose the constants: docs/experiments.md#what-moves-follow
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.compiled import OPTIONS
+from pipeline.compiled import LEAN, OPTIONS
 from pipeline.frames import GreyImage, Mask
 from pipeline.grid import Grid
 from pipeline.reconstruction.parts import Box, covering_boxes, on_hr_grid, widened, within
 from pipeline.reconstruction.psf import Psf, psf_axes
-from pipeline.reconstruction.restoration import restoration_of
+from pipeline.reconstruction.restoration import Restoration
 from pipeline.reconstruction.simd import LANES, PATCH, weigh_patch
 from pipeline.reconstruction.system import HrImage
 from pipeline.temporal.flow import Flow
@@ -62,60 +63,40 @@ PHASES = 16
 """Places between two pixels at which a moved picture is sampled."""
 
 
-def moved_here(made: HrImage, other: HrImage, flow: Flow, wanted: Mask, grid: Grid) -> HrImage:
-    """Return a view whose pixels wanted are those of another picture, moved, (K·H, K·W) float32.
-
-    Parameters
-    ----------
-    made : (K·H, K·W) float32
-        The view, grey levels.
-    other : (K·H, K·W) float32
-        The other picture.
-    flow : (H, W, 2) float32
-        Where pixels of the view are in that.
-    wanted : (H, W) bool
-    """
-    predicted = made.copy()
-    # writable, for one compilation
-    other = np.require(other, requirements="W")
-
-    def move(top: int) -> None:
-        _move(
-            other, flow, wanted, top, min(top + BAND, len(wanted)), grid.magnification_x,
-            grid.magnification_y, np.float32(grid.offset_x), np.float32(grid.offset_y), _taps(),
-            predicted,
-        )  # fmt: skip
-
-    map_threads(move, range(0, len(wanted), BAND))
-    return predicted
-
-
 def put_right(
     estimate: HrImage,
     shown: HrImage,
-    predicted: HrImage,
+    other: HrImage,
+    flow: Flow,
     observed: GreyImage,
     wanted: Mask,
+    restoration: Restoration,
     grid: Grid,
     psf: Psf,
     noise: float,
 ) -> None:
-    """Make the pixels wanted of a view better by what is predicted of it, in place.
+    """Make the pixels wanted of a view better by another picture, in place.
 
     Parameters
     ----------
     estimate, shown : (K·H, K·W) float32
         The view made of itself alone, grey levels; the same clipped to 0..255.
-    predicted : (K·H, K·W) float32
-        Of :func:`moved_here`.
+    other : (K·H, K·W) float32
+        The other picture.
+    flow : (H, W, 2) float32
+        Where pixels of the view are in that.
     observed : (H, W) float32
         The view's pixels.
+    wanted : (H, W) bool
+    restoration : Restoration
+        The linear filter for the view.
     noise : float
         Standard deviation of the observed pixels, grey levels.
     """
-    restoration = restoration_of(observed, grid, psf, noise)
     reach = max(restoration.reach, AROUND)
     side = -(-psf.support // min(grid.magnification_x, grid.magnification_y))
+    boxes = covering_boxes(wanted)
+    predicted = _moved_here(shown, other, flow, wanted, grid, boxes, reach + side)
 
     def put(box: Box) -> None:
         wide = widened(box, observed.shape, reach)
@@ -128,11 +109,47 @@ def put_right(
         # contiguous, for one compilation
         _join(
             predicted, np.ascontiguousarray(correction), np.ascontiguousarray(trust), wanted,
-            box[0].start, box[1].start, grid.magnification_x, grid.magnification_y, estimate,
-            shown,
+            box[0].start, box[1].start, grid.magnification_x, grid.magnification_y,
+            np.empty(correction.shape[1], np.float32), estimate, shown,
         )  # fmt: skip
 
-    map_threads(put, covering_boxes(wanted))
+    map_threads(put, boxes)
+
+
+def _moved_here(
+    shown: HrImage,
+    other: HrImage,
+    flow: Flow,
+    wanted: Mask,
+    grid: Grid,
+    boxes: Sequence[Box],
+    reach: int,
+) -> HrImage:
+    """Return a view whose pixels wanted are those of another picture, moved, (K·H, K·W) float32.
+
+    Parameters
+    ----------
+    boxes : sequence of Box
+        That hold those pixels.
+    reach : int
+        What lies farther from them is not written, LR pixels.
+    """
+    predicted = np.empty_like(shown)
+    for box in boxes:
+        place = on_hr_grid(widened(box, wanted.shape, reach), grid)
+        predicted[place] = shown[place]
+    # writable, for one compilation
+    other = np.require(other, requirements="W")
+
+    def move(top: int) -> None:
+        _move(
+            other, flow, wanted, top, min(top + BAND, len(wanted)), grid.magnification_x,
+            grid.magnification_y, np.float32(grid.offset_x), np.float32(grid.offset_y), _taps(),
+            predicted,
+        )  # fmt: skip
+
+    map_threads(move, range(0, len(wanted), BAND))
+    return predicted
 
 
 def _trust(error: GreyImage, observed: GreyImage, noise: float) -> npt.NDArray[np.float32]:
@@ -153,7 +170,7 @@ _PASSED = 1.1 * float((cv2.getGaussianKernel(_SIDE, LOW_PASS) ** 2).sum() ** 2)
 """Power of noise that the low-pass leaves, and a tenth more."""
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _weigh(power, mean, square, noise, share, trust):
     """Write (t² / (t² + c (e² − σ² g)))², t² a share of what is tolerated."""
     passed = np.float32(_PASSED)
@@ -168,22 +185,30 @@ def _weigh(power, mean, square, noise, share, trust):
             trust[row, column] = of_all * of_all
 
 
-@njit(**OPTIONS)
-def _join(predicted, correction, trust, wanted, top, left, across, down, estimate, shown):
+@njit(**LEAN)
+def _join(
+    predicted, correction, trust, wanted, top, left, across, down, trusted, estimate, shown
+):  # fmt: skip
     """Add to a box of what was made what is predicted and put right, as far as it is trusted."""
-    gain = np.float32(GAIN)
+    gain, nothing = np.float32(GAIN), np.float32(0.0)
     black, white = np.float32(0.0), np.float32(255.0)
-    for y in range(correction.shape[0]):
-        row, hr_row = y // down, top * down + y
+    first = left * across
+    for row in range(trust.shape[0]):
         for column in range(trust.shape[1]):
-            if not wanted[top + row, left + column]:
-                continue
+            share = trust[row, column] if wanted[top + row, left + column] else nothing
             for fine in range(column * across, (column + 1) * across):
-                x = left * across + fine
-                better = predicted[hr_row, x] + gain * correction[y, fine]
-                value = estimate[hr_row, x] + trust[row, column] * (better - estimate[hr_row, x])
-                estimate[hr_row, x] = value
-                shown[hr_row, x] = min(max(value, black), white)
+                trusted[fine] = share
+        for fine in range(row * down, (row + 1) * down):
+            y = top * down + fine
+            moved, more = predicted[y, first:], correction[fine]
+            own, seen = estimate[y, first:], shown[y, first:]
+            # without a branch, eight at once
+            for x in range(trusted.size):
+                better = moved[x] + gain * more[x]
+                value = own[x] + trusted[x] * (better - own[x])
+                own[x] = value
+                clipped = min(max(value, black), white)
+                seen[x] = clipped if trusted[x] > nothing else seen[x]
 
 
 def _observe(estimate: HrImage, grid: Grid, psf: Psf) -> npt.NDArray[np.float32]:

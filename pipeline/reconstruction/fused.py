@@ -186,8 +186,9 @@ def estimate_alone(
     height, width = reference.shape
     out = np.zeros(grid.hr_shape((height, width)), np.float32)
     boxes = [(slice(0, height), slice(0, width))] if wanted is None else covering_boxes(wanted)
+    restoration = restoration_of(reference, grid, psf, max(noise, SMALLEST_NOISE))
     for box, part in zip(
-        boxes, parts_alone(reference, grid, psf, noise, learned, boxes), strict=True
+        boxes, parts_alone(reference, restoration, grid, learned, boxes), strict=True
     ):
         out[on_hr_grid(box, grid)] = part
     return out
@@ -195,14 +196,18 @@ def estimate_alone(
 
 def parts_alone(
     reference: GreyImage,
+    restoration: Restoration,
     grid: Grid,
-    psf: Psf,
-    noise: float,
     learned: LearnedFilters | None,
     boxes: Sequence[Box],
 ) -> Iterator[HrImage]:
-    """Yield boxes of LR pixels of what :func:`estimate_alone` returns, on the HR grid."""
-    restoration = restoration_of(reference, grid, psf, max(noise, SMALLEST_NOISE))
+    """Yield boxes of LR pixels of what :func:`estimate_alone` returns, on the HR grid.
+
+    Parameters
+    ----------
+    restoration : Restoration
+        The filter for the reference.
+    """
     reach = 0 if learned is None else -(-REACH // min(grid.magnification_x, grid.magnification_y))
     for box in boxes:
         near = widened(box, reference.shape, reach)

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import EXACT
 from pipeline.frames import GreyImage, Mask, Positions, RegisteredView
 from pipeline.grid import Grid
 
@@ -71,12 +72,12 @@ def _find_tiles(wanted, side, tiles):
                 tiles[tile, column // side] = True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _set_box(box, top, bottom, left, right):
     box[0], box[1], box[2], box[3] = top, bottom, left, right
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _extents(tiles, box, axis, extents):
     """Write where each row (axis 0) or column of a box has its first wanted tile and its last.
 
@@ -93,7 +94,7 @@ def _extents(tiles, box, axis, extents):
                 extents[line, 1] = max(extents[line, 1], at + 1)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _grow(extents, line, axis, box):
     """Let a box hold a row or column of wanted tiles, too, in place."""
     if extents[line, 1] > 0:
@@ -203,7 +204,7 @@ def put_pixels(image: GreyImage, part: GreyImage, wanted: Mask, box: Box, grid: 
     )  # fmt: skip
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _put_pixels(part, wanted, down, across, top, left, image):
     columns = wanted.shape[1]
     for row in range(wanted.shape[0]):
@@ -300,7 +301,7 @@ def _cut(
     return part, (x, y)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _cut_out(
     positions, pixels, offsets, top, left, before, magnification_x, offset_x, above,
     magnification_y, offset_y, x, y, observed,
@@ -321,7 +322,7 @@ def _cut_out(
                 line[column] -= less[column]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _mark_boxes(boxes, marks):
     """Set bit k of the pixels that lie in box k, and clear the others, up to 64 boxes."""
     marks[:] = 0
@@ -333,7 +334,7 @@ def _mark_boxes(boxes, marks):
                 line[column] |= bit
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _landing_in(position, marks, found):
     """Write the rows and columns, half-open, of the pixels that land in boxes; one, if none.
 
@@ -373,7 +374,7 @@ def _landing_in(position, marks, found):
             found[k, 3] = min(found[k, 3] + 3, columns)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _hold(found, marks, row, column):
     """Let the boxes whose bits are set hold a pixel, in place: their first and last lines."""
     k = 0
@@ -385,7 +386,7 @@ def _hold(found, marks, row, column):
         k += 1
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _put_back(weights, flags, all_weights, all_flags, position, top, left, bounds):
     """Write what was found of the pixels that land in a box."""
     half = np.float32(0.5)

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import EXACT
 from pipeline.frames import Mask, Rejection
 from pipeline.registration.records import ViewRegistration
 from pipeline.registration.windows import along_parallax, some_landed
@@ -107,7 +108,7 @@ def landed_by_depth(
     )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _land(
     nearness, terms, homography, epipole, offset, height, width, outside, wanted, position,
     offsets, flags,

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pipeline.config import Settings
 from pipeline.frames import GreyImage
 from pipeline.reconstruction.alone import Restored, made_better
-from pipeline.reconstruction.followed import moved_here
 from pipeline.reconstruction.psf import Psf
 from pipeline.reconstruction.system import HrImage
 from pipeline.temporal.flow import SIDE, Flow, flow_of
@@ -72,10 +71,8 @@ class Following:
         def improve(target: str) -> None:
             leader, still, grid = self.leaders[target], self.still[target], self.settings.grid
             picture = self.before[target].shown if leader is None else made[leader].shown
-            predicted = moved_here(
-                made[target].shown, picture, self.flows[target], still.touched, grid
-            )
-            made_better(made[target], predicted, still, grid, self.psf, self.noise)
+            flow = self.flows[target]
+            made_better(made[target], picture, flow, still, grid, self.psf, self.noise)
 
         map_threads(improve, [name for name in self.flows if (self.leaders[name] is None) is leads])
 

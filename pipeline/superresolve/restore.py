@@ -242,9 +242,10 @@ def _restored(
     if effort.alone:
         following.improve(made, leads=False)
     if known:
+        due = map_threads(lambda pair: again(*pair), made.items())
         found = refreshed(
-            list(made.values()), [again(*pair) for pair in made.items()], settings.grid, psf,
-            learned, most_steps=effort.steps, stop=stop,
+            list(made.values()), due, settings.grid, psf, learned, stop=stop,
+            most_steps=effort.steps,
             residual_threshold=settings.residual_threshold or default_residual_threshold(noise),
         )  # fmt: skip
         made = dict(zip(ready.targets, found, strict=True))

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.compiled import INLINED, OPTIONS
+from pipeline.compiled import INLINED, LEAN
 from pipeline.frames import GreyImage, Mask
 
 SIDE = 8
@@ -41,6 +41,9 @@ MARGIN = 16
 RIDGE = (1e-3, 1.0)
 """Of the squared gradients of a patch, and beside, that are added to them: where it shows nothing
 it stays where it was."""
+
+_INNER = {**INLINED, "_nrt": False}
+"""The same of what makes no array, see :data:`pipeline.compiled.LEAN`."""
 
 Flow = npt.NDArray[np.float32]
 """(H, W, 2): x and y from a pixel to where it was, pixels; zero where it was not asked for."""
@@ -86,26 +89,18 @@ def _flow_at(
     height, width = now.shape
     rows, columns = (-(-(size - SIDE) // SPACING) + 1 for size in (height, width))
     around = cv2.copyMakeBorder(before, MARGIN, MARGIN, MARGIN, MARGIN, cv2.BORDER_REPLICATE)
-    slopes = (
-        cv2.sepFilter2D(now, cv2.CV_32F, *kernels, borderType=cv2.BORDER_REFLECT)
-        for kernels in ((_SLOPE, _ONE), (_ONE, _SLOPE))
-    )
     motion = np.zeros((rows, columns, 2), np.float32)
     is_asked = np.zeros((rows, columns), np.bool_)
     # writable, for one compilation
     picture = np.require(now, np.float32, ("C", "W"))
-    _fit_patches(
-        picture, *slopes, around.reshape(-1), wanted, coarser, motion, is_asked,
-    )  # fmt: skip
+    room = np.empty((3, SIDE * SIDE), np.float32)
+    _fit_patches(picture, around.reshape(-1), wanted, coarser, *room, motion, is_asked)
     found, weights = np.zeros((height, width, 2), np.float32), np.zeros((height, width), np.float32)
     _spread(picture, around.reshape(-1), motion, is_asked, weights, found)
     return found
 
 
-_SLOPE, _ONE = np.array([-0.5, 0.0, 0.5]), np.array([1.0])
-
-
-@njit(**INLINED)
+@njit(**_INNER)
 def _compare(before, at, pitch, across, down, patch, slopes_x, slopes_y):
     """Return the sums of a patch's differences to another picture.
 
@@ -138,7 +133,23 @@ def _compare(before, at, pitch, across, down, patch, slopes_x, slopes_y):
     return total, square, along_x, along_y
 
 
-@njit(**INLINED)
+@njit(**_INNER)
+def _take_patch(now, top, left, patch, slopes_x, slopes_y):
+    """Write a patch and its slopes along x and y; beyond the edge lies its outermost pixel."""
+    height, width = now.shape
+    half = np.float32(0.5)
+    for y in range(SIDE):
+        row = top + y
+        above, below = max(row - 1, 0), min(row + 1, height - 1)
+        for x in range(SIDE):
+            column, at = left + x, y * SIDE + x
+            before, after = max(column - 1, 0), min(column + 1, width - 1)
+            patch[at] = now[row, column]
+            slopes_x[at] = half * (now[row, after] - now[row, before])
+            slopes_y[at] = half * (now[below, column] - now[above, column])
+
+
+@njit(**_INNER)
 def _is_wanted(wanted, top, left):
     """Return whether a pixel of a patch is asked for."""
     found = np.uint8(0)
@@ -148,17 +159,13 @@ def _is_wanted(wanted, top, left):
     return found != 0
 
 
-@njit(**OPTIONS)
-def _fit_patches(now, slopes_x, slopes_y, before, wanted, coarser, motion, is_asked):
+@njit(**LEAN)
+def _fit_patches(now, before, wanted, coarser, patch, of_x, of_y, motion, is_asked):
     """Write where the patches asked for are found, and which they are."""
     height, width = now.shape
     pitch = width + 2 * MARGIN
     share = np.float32(1.0 / SIDE**2)
     two, settled = np.float32(2.0), np.float32(SETTLED**2)
-    patch, of_x, of_y = (
-        np.empty(SIDE * SIDE, np.float32), np.empty(SIDE * SIDE, np.float32),
-        np.empty(SIDE * SIDE, np.float32),
-    )  # fmt: skip
     for row in range(is_asked.shape[0]):
         top = min(row * SPACING, height - SIDE)
         for column in range(is_asked.shape[1]):
@@ -166,11 +173,7 @@ def _fit_patches(now, slopes_x, slopes_y, before, wanted, coarser, motion, is_as
             if not _is_wanted(wanted, top, left):
                 continue
             is_asked[row, column] = True
-            for y in range(SIDE):
-                for x in range(SIDE):
-                    patch[y * SIDE + x] = now[top + y, left + x]
-                    of_x[y * SIDE + x] = slopes_x[top + y, left + x]
-                    of_y[y * SIDE + x] = slopes_y[top + y, left + x]
+            _take_patch(now, top, left, patch, of_x, of_y)
             sum_x = sum_y = xx = xy = yy = np.float32(0.0)
             for k in range(SIDE * SIDE):
                 sum_x += of_x[k]
@@ -233,7 +236,7 @@ def _fit_patches(now, slopes_x, slopes_y, before, wanted, coarser, motion, is_as
             motion[row, column, 0], motion[row, column, 1] = u, v
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _spread(now, before, motion, is_asked, weights, found):
     """Write the mean motion of the patches over each pixel, by how well they match in it."""
     height, width = now.shape

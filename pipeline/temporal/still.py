@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.compiled import LEAN, OPTIONS
+from pipeline.compiled import EXACT, LEAN, OPTIONS
 from pipeline.frames import GreyImage, Mask, frozen
 from pipeline.reconstruction.rows import blur_ring, blur_row, mirror
 from pipeline.temporal.lagging import Away, has_few_tiles, lagging_tiles, tile_pixels, tiles_of
@@ -266,7 +266,7 @@ def _judge(frames, power, wide, noise, changed):
         changed[x] = is_strong | is_wide
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _average(luma, changed, means, counts, mean, count):
     """Write the means that a frame has joined; where something has changed it begins a new one."""
     one = np.float32(1.0)
