@@ -14,6 +14,12 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import LEAN
+
+INLINED = {**LEAN, "forceinline": True}
+"""Of sums that another loop calls: they are to be rounded alike, compiled now or loaded from the
+cache."""
+
 MAX_PARTS = 3
 """Most surfaces that one window is cut into."""
 
@@ -68,14 +74,9 @@ class Windows(Patches):
         return np.searchsorted(self.cell, numbers).astype(np.int32)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**INLINED)
 def _plane(values, px, py, count, out):
-    """Write a plane through the first ``count`` values; return their spread about the best one.
-
-    The ridge keeps the slope of a narrow part small; the spread (a standard deviation) knows
-    nothing of it, or steep planes would seem to be none.
-    """
-    n = float(count)
+    """Write a plane through the first ``count`` values; return their spread about the best one."""
     sx = sy = sxx = sxy = syy = sd = sxd = syd = sdd = 0.0
     for k in range(count):
         x, y, d = px[k], py[k], values[k]
@@ -88,6 +89,48 @@ def _plane(values, px, py, count, out):
         sxd += x * d
         syd += y * d
         sdd += d * d
+    return _plane_of(float(count), (sx, sy, sxx, sxy, syy), (sd, sxd, syd, sdd), out)
+
+
+@njit(**INLINED)
+def _plane_of_all(values, px, py, columns, rows, out):
+    """Do the same for all values of a window, given the places of its columns and rows."""
+    sx = sy = sxx = syy = sd = sxd = syd = sdd = 0.0
+    for j in range(columns):
+        sx += px[j]
+        sxx += px[j] * px[j]
+    for i in range(rows):
+        y = py[i]
+        sy += y
+        syy += y * y
+        row = xd = dd = 0.0
+        for j in range(columns):
+            d = values[i * columns + j]
+            row += d
+            xd += px[j] * d
+            dd += d * d
+        sd += row
+        sxd += xd
+        syd += y * row
+        sdd += dd
+    sums = rows * sx, columns * sy, rows * sxx, sx * sy, columns * syy
+    return _plane_of(float(rows * columns), sums, (sd, sxd, syd, sdd), out)
+
+
+@njit(**INLINED)
+def _plane_of(n, places, values, out):
+    """Write the plane that sums over n values tell; return their spread about the best one.
+
+    The ridge keeps the slope of a narrow part small; the spread (a standard deviation) knows
+    nothing of it, or steep planes would seem to be none.
+
+    Parameters
+    ----------
+    places, values : tuple of float
+        Sums of x, y, x², xy, y², and of d, xd, yd, d².
+    """
+    sx, sy, sxx, sxy, syy = places
+    sd, sxd, syd, sdd = values
     mx, my, md = sx / n, sy / n, sd / n
     ridge = 0.02
     cxx = sxx / n - mx * mx
@@ -166,8 +209,8 @@ def _cut_windows(
     height, width = nearness.shape
     area = (2 * half + spacing) ** 2
     values = np.empty(area)
-    px = np.empty(area)
-    py = np.empty(area)
+    px = np.empty(2 * half + spacing)
+    py = np.empty(2 * half + spacing)
     part_values = np.empty(area)
     part_x = np.empty(area)
     part_y = np.empty(area)
@@ -186,28 +229,36 @@ def _cut_windows(
             xc = 0.5 * (x0 + x1 - 1)
             yc = 0.5 * (y0 + y1 - 1)
             s = max(0.5 * max(x1 - x0, y1 - y0), 1.0)
-            count = 0
-            for y in range(y0, y1):
-                for x in range(x0, x1):
-                    values[count] = nearness[y, x]
-                    px[count] = (x - xc) / s
-                    py[count] = (y - yc) / s
-                    count += 1
+            columns, rows = np.int64(x1 - x0), np.int64(y1 - y0)
+            count = columns * rows
+            for j in range(columns):
+                px[j] = (x0 + j - xc) / s
+            for i in range(rows):
+                py[i] = (y0 + i - yc) / s
+                line = np.uint64(y0 + i)
+                for j in range(columns):
+                    values[i * columns + j] = nearness[line, np.uint64(x0 + j)]
             parts = 1
             lows[0] = -np.inf
             highs[0] = np.inf
             k = 0
             while k < parts:
                 n = np.int64(0)  # typed, or what it is handed to is compiled for a literal too
-                for i in range(count):
-                    if values[i] >= lows[k] and values[i] < highs[k]:
-                        part_values[n] = values[i]
-                        part_x[n] = px[i]
-                        part_y[n] = py[i]
-                        n += 1
-                spread = _plane(part_values, part_x, part_y, n, planes[number]) if n > 0 else 0.0
+                if parts == 1:
+                    n = count
+                    spread = _plane_of_all(values, px, py, columns, rows, planes[number])
+                else:
+                    for i in range(count):
+                        if values[i] >= lows[k] and values[i] < highs[k]:
+                            part_values[n] = values[i]
+                            part_x[n] = px[i % columns]
+                            part_y[n] = py[i // columns]
+                            n += 1
+                    spread = 0.0
+                    if n > 0:
+                        spread = _plane(part_values, part_x, part_y, n, planes[number])
                 if parts < MAX_PARTS and n >= 2 * min_support and spread > tolerance:
-                    cut = _otsu(part_values, n, min_support, counts)
+                    cut = _otsu(values if parts == 1 else part_values, n, min_support, counts)
                     if not np.isnan(cut):
                         for j in range(parts, k + 1, -1):
                             lows[j] = lows[j - 1]
