@@ -12,7 +12,7 @@ import numpy.typing as npt
 from pipeline.frames import Mask
 from pipeline.grid import Grid
 from pipeline.reconstruction.again import Again, pieces_of
-from pipeline.reconstruction.followed import put_right
+from pipeline.reconstruction.followed import Trust, put_right
 from pipeline.reconstruction.fused import SMALLEST_NOISE, estimate_alone, parts_alone
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.parts import covering_boxes, put_pixels
@@ -91,8 +91,9 @@ def restored(
 
 
 def made_better(
-    made: Restored, other: HrImage, flow: Flow, still: Still, grid: Grid, psf: Psf, noise: float
-) -> None:
+    made: Restored, other: HrImage, flow: Flow, still: Still, grid: Grid, psf: Psf, noise: float,
+    trust: Trust,
+) -> None:  # fmt: skip
     """Make what has changed of a view that was restored better by another picture, in place.
 
     Parameters
@@ -105,7 +106,7 @@ def made_better(
     assert made.restoration is not None  # it was restored
     put_right(
         made.estimate, made.shown, other, flow, still.mean, still.touched, made.restoration, grid,
-        psf, max(noise, SMALLEST_NOISE),
+        psf, max(noise, SMALLEST_NOISE), trust,
     )  # fmt: skip
 
 

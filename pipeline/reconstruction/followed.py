@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -33,8 +34,17 @@ from pipeline.reconstruction.system import HrImage
 from pipeline.temporal.flow import Flow
 from pipeline.threads import map_threads
 
-GAIN = 0.5
-"""Share of what is observed and was not predicted that is added to a picture moved here."""
+
+@dataclass(frozen=True, kw_only=True)
+class Trust:
+    """How far another picture is trusted."""
+
+    tolerated: float = 0.3
+    """Prediction error that is tolerated beside one grey level, factor on the standard deviation of
+    what is observed around a pixel: where there is much to see, much of it is aliased."""
+    gain: float = 0.5
+    """Share of what is observed and was not predicted that is added to it, once it is moved."""
+
 
 LOW_PASS = 0.8
 """σ of the low-pass on the prediction error, LR pixels."""
@@ -45,9 +55,8 @@ BOX = 3
 AROUND = 5
 """Side of the box whose pixels' standard deviation is looked at, LR pixels."""
 
-TOLERATED = (1.0, 0.3)
-"""Prediction error that is tolerated: constant, grey levels, and factor on the standard deviation
-of what is observed around a pixel: where there is much to see, much of it is aliased."""
+TOLERATED = 1.0
+"""Prediction error that is tolerated by itself, grey levels."""
 
 QUIET = 2.0
 """Noise below which that falls with its square, grey levels: the better an eye is by itself, the
@@ -74,6 +83,7 @@ def put_right(
     grid: Grid,
     psf: Psf,
     noise: float,
+    trust: Trust,
 ) -> None:
     """Make the pixels wanted of a view better by another picture, in place.
 
@@ -104,13 +114,13 @@ def put_right(
         there = within(wide, around)
         error = observed[wide] - _observe(predicted[on_hr_grid(around, grid)], grid, psf)[there]
         inner = within(box, wide)
-        trust = _trust(error, observed[wide], noise)[inner]
+        trusted = _trusted(error, observed[wide], noise, trust.tolerated)[inner]
         correction = restoration.apply(error, grid)[on_hr_grid(inner, grid)]
         # contiguous, for one compilation
         _join(
-            predicted, np.ascontiguousarray(correction), np.ascontiguousarray(trust), wanted,
-            box[0].start, box[1].start, grid.magnification_x, grid.magnification_y,
-            np.empty(correction.shape[1], np.float32), estimate, shown,
+            predicted, np.ascontiguousarray(correction), np.ascontiguousarray(trusted), wanted,
+            np.float32(trust.gain), box[0].start, box[1].start, grid.magnification_x,
+            grid.magnification_y, np.empty(correction.shape[1], np.float32), estimate, shown,
         )  # fmt: skip
 
     map_threads(put, boxes)
@@ -152,17 +162,19 @@ def _moved_here(
     return predicted
 
 
-def _trust(error: GreyImage, observed: GreyImage, noise: float) -> npt.NDArray[np.float32]:
+def _trusted(
+    error: GreyImage, observed: GreyImage, noise: float, tolerated: float
+) -> npt.NDArray[np.float32]:
     """Return how far a prediction is to be trusted, 0..1, by its error around each pixel."""
     smooth = cv2.GaussianBlur(error, (_SIDE, _SIDE), LOW_PASS, borderType=cv2.BORDER_REFLECT)
     power = cv2.blur(smooth * smooth, (BOX, BOX), borderType=cv2.BORDER_REFLECT)
     side = (AROUND, AROUND)
     mean = cv2.blur(observed, side, borderType=cv2.BORDER_REFLECT)
     square = cv2.blur(observed * observed, side, borderType=cv2.BORDER_REFLECT)
-    trust = np.empty(error.shape, np.float32)
+    trusted = np.empty(error.shape, np.float32)
     share = np.float32(min(noise / QUIET, 1.0) ** 4)
-    _weigh(power, mean, square, np.float32(noise * noise), share, trust)
-    return trust
+    _weigh(power, mean, square, np.float32(noise * noise), np.float32(tolerated), share, trusted)
+    return trusted
 
 
 _SIDE = 7
@@ -171,44 +183,43 @@ _PASSED = 1.1 * float((cv2.getGaussianKernel(_SIDE, LOW_PASS) ** 2).sum() ** 2)
 
 
 @njit(**LEAN)
-def _weigh(power, mean, square, noise, share, trust):
+def _weigh(power, mean, square, noise, tolerated, share, trusted):
     """Write (t² / (t² + c (e² − σ² g)))², t² a share of what is tolerated."""
     passed = np.float32(_PASSED)
-    zero, constant = np.float32(0.0), np.float32(TOLERATED[0] ** 2)
-    factor, severity = np.float32(TOLERATED[1] ** 2), np.float32(SEVERITY)
+    zero, constant = np.float32(0.0), np.float32(TOLERATED**2)
+    factor, severity = tolerated * tolerated, np.float32(SEVERITY)
     for row in range(power.shape[0]):
         for column in range(power.shape[1]):
             seen = square[row, column] - mean[row, column] * mean[row, column] - noise
-            tolerated = share * (constant + factor * max(seen, zero))
+            bound = share * (constant + factor * max(seen, zero))
             excess = max(power[row, column] - passed * noise, zero)
-            of_all = tolerated / (tolerated + severity * excess)
-            trust[row, column] = of_all * of_all
+            of_all = bound / (bound + severity * excess)
+            trusted[row, column] = of_all * of_all
 
 
 @njit(**LEAN)
 def _join(
-    predicted, correction, trust, wanted, top, left, across, down, trusted, estimate, shown
+    predicted, correction, trusted, wanted, gain, top, left, across, down, shares, estimate, shown
 ):  # fmt: skip
     """Add to a box of what was made what is predicted and put right, as far as it is trusted."""
-    gain, nothing = np.float32(GAIN), np.float32(0.0)
-    black, white = np.float32(0.0), np.float32(255.0)
+    black, white, nothing = np.float32(0.0), np.float32(255.0), np.float32(0.0)
     first = left * across
-    for row in range(trust.shape[0]):
-        for column in range(trust.shape[1]):
-            share = trust[row, column] if wanted[top + row, left + column] else nothing
+    for row in range(trusted.shape[0]):
+        for column in range(trusted.shape[1]):
+            share = trusted[row, column] if wanted[top + row, left + column] else nothing
             for fine in range(column * across, (column + 1) * across):
-                trusted[fine] = share
+                shares[fine] = share
         for fine in range(row * down, (row + 1) * down):
             y = top * down + fine
             moved, more = predicted[y, first:], correction[fine]
             own, seen = estimate[y, first:], shown[y, first:]
             # without a branch, eight at once
-            for x in range(trusted.size):
+            for x in range(shares.size):
                 better = moved[x] + gain * more[x]
-                value = own[x] + trusted[x] * (better - own[x])
+                value = own[x] + shares[x] * (better - own[x])
                 own[x] = value
                 clipped = min(max(value, black), white)
-                seen[x] = clipped if trusted[x] > nothing else seen[x]
+                seen[x] = clipped if shares[x] > nothing else seen[x]
 
 
 def _observe(estimate: HrImage, grid: Grid, psf: Psf) -> npt.NDArray[np.float32]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pipeline.config import Settings
 from pipeline.frames import GreyImage
 from pipeline.reconstruction.alone import Restored, made_better
+from pipeline.reconstruction.followed import Trust
 from pipeline.reconstruction.psf import Psf
 from pipeline.reconstruction.system import HrImage
 from pipeline.temporal.flow import SIDE, Flow, flow_of
@@ -21,6 +22,15 @@ from pipeline.threads import map_threads
 MUCH_CHANGED = 0.5
 """Share of a target, with what is near, from whose change on nothing is followed: a cut has
 nothing to follow, and it would take too long."""
+
+ALONE = Trust()
+"""Trust in another picture where each target is made of itself alone, …"""
+
+TO_BE_SOLVED = Trust(tolerated=0.6)
+"""… where what becomes of it is then solved, with other views, …"""
+
+SOLVED = Trust(gain=0.2)
+"""… and in a picture that was."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +57,8 @@ class Following:
     psf: Psf
     noise: float
     """Standard deviation of a single frame, grey levels."""
+    in_turn: bool
+    """Whether those that lead are made of other views, too."""
 
     @property
     def sought(self) -> list[str]:
@@ -67,12 +79,15 @@ class Following:
         made : mapping of target ids to Restored
             Each made of itself alone, the leaders perhaps of other views, too.
         """
+        trust = ALONE
+        if self.in_turn:
+            trust = TO_BE_SOLVED if leads else SOLVED
 
         def improve(target: str) -> None:
             leader, still, grid = self.leaders[target], self.still[target], self.settings.grid
             picture = self.before[target].shown if leader is None else made[leader].shown
             flow = self.flows[target]
-            made_better(made[target], picture, flow, still, grid, self.psf, self.noise)
+            made_better(made[target], picture, flow, still, grid, self.psf, self.noise, trust)
 
         map_threads(improve, [name for name in self.flows if (self.leaders[name] is None) is leads])
 

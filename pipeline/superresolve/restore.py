@@ -221,6 +221,7 @@ def _restored(
     following = Following(
         leaders=leaders, before=before, still=still, settings=settings, psf=psf, noise=noise,
         flows=memory.landed_flows(leaders) if effort.by_depth else {},
+        in_turn=effort.in_turn and bool(known),
     )  # fmt: skip
 
     def alone(target: str) -> Restored:
