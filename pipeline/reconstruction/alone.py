@@ -55,6 +55,8 @@ def restored(
     psf: Psf,
     noise: float,
     learned: LearnedFilters | None,
+    *,
+    ripens: bool = True,
 ) -> Restored:
     """Return a view restored where it has changed, or where its pixels are worth twice as much.
 
@@ -68,6 +70,8 @@ def restored(
         The frame before; without it all is restored.
     noise : float
         Standard deviation of a single frame, grey levels.
+    ripens : bool
+        False: the latter stay as they are.
     """
     mean, count = still.mean, still.count
     restoration = restoration_of(mean, grid, psf, max(noise, SMALLEST_NOISE))
@@ -77,7 +81,7 @@ def restored(
         return Restored(
             estimate=estimate, shown=shown, frames=count.copy(), restoration=restoration
         )  # fmt: skip
-    wanted = still.touched | (count >= 2 * before.frames)
+    wanted = still.touched | (count >= 2 * before.frames) if ripens else still.touched
     boxes = covering_boxes(wanted)
     estimate, shown, frames = before.estimate, before.shown.copy(), before.frames.copy()
     parts = parts_alone(mean, restoration, grid, learned, boxes)

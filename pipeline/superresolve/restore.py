@@ -225,7 +225,10 @@ def _restored(
     )  # fmt: skip
 
     def alone(target: str) -> Restored:
-        return restored(still[target], lefts[target], settings.grid, psf, noise, learned)
+        return restored(
+            still[target], lefts[target], settings.grid, psf, noise, learned,
+            ripens=not (is_followed and known),
+        )  # fmt: skip
 
     def again(target: str, start: Restored) -> Again:
         views, offsets = known[target]
