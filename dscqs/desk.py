@@ -13,13 +13,13 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from dscqs.displays import DisplayProfile, DisplayShelf
 from dscqs.errors import DisplayError, NotFound, NotLoggedIn, OrderError, PlanError, UsedUp
 from dscqs.group import Group
+from dscqs.live_session import LiveSession
 from dscqs.order import ORDER_VERSION, Kind, Presentation, make_order
 from dscqs.plan import Plan, plan_from_dict, plan_to_dict
 from dscqs.session import (
@@ -45,7 +45,7 @@ from dscqs.session import (
 )
 from dscqs.shelf import Shelf
 from dscqs.store import SessionRecord, SessionStore, TestRecord
-from dscqs.views import note_of, presentation_view, progress_view, reason_of, state_view
+from dscqs.views import presentation_view, progress_view, state_view
 
 ACTIONS: dict[str, type] = {
     "pause": Paused, "resume": Resumed, "withdraw": Withdrawn, "erase": Erased
@@ -55,37 +55,6 @@ ACTIONS: dict[str, type] = {
 LANGUAGES = ("en", "de", "fr", "es", "tr", "ja")
 
 _CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,31}")
-
-
-@dataclass(kw_only=True)
-class Live:
-    """A session in memory: what its events have come to."""
-
-    record: SessionRecord
-    plan: Plan
-    state: Session
-    files: Mapping[str, Mapping[str, Any]]
-    lock: threading.RLock = field(default_factory=threading.RLock)
-    sides: dict[str, bytes] = field(default_factory=dict)
-    """Bytes that wait to be fetched, by token; of the newest ticket only."""
-    has_joined: bool = False
-    last: float | None = None
-    """When something happened last."""
-    notes: list[dict[str, Any]] = field(default_factory=list)
-    """The latest notes of the page, for the operator."""
-
-    def learn(self, event: Event, at: float) -> None:
-        """Keep what progress shows of an event that was stored."""
-        self.last = at
-        if isinstance(event, Joined):
-            self.has_joined = True
-        elif isinstance(event, Noted):
-            self._note({"at": at, "kind": event.kind, "reason": note_of(event.detail)})
-        elif isinstance(event, Shown) and event.outcome == "failed":
-            self._note({"at": at, "kind": "failed", "reason": reason_of(event.log)})
-
-    def _note(self, note: dict[str, Any]) -> None:
-        self.notes = [*self.notes, note][-5:]
 
 
 class Desk:
@@ -119,7 +88,7 @@ class Desk:
         self._lock = threading.RLock()
         self._cookie_lock = threading.Lock()
         self._group_lock = threading.RLock()
-        self._live: dict[str, Live] = {}
+        self._live: dict[str, LiveSession] = {}
         self._cookies: dict[str, str] = {}
 
     # Operators
@@ -352,12 +321,12 @@ class Desk:
 
     # Inside
 
-    def _view(self, live: Live) -> dict[str, Any]:
+    def _view(self, live: LiveSession) -> dict[str, Any]:
         with live.lock:
             group = self._group(live) if live.record.role == "screen" else None
             return state_view(live, group)
 
-    def _group(self, live: Live) -> Group:
+    def _group(self, live: LiveSession) -> Group:
         screen = self._get(live.record.group or "")
         phones = [
             self._get(record.id)
@@ -366,14 +335,14 @@ class Desk:
         ]
         return Group(screen=screen, phones=phones)
 
-    def _settle(self, live: Live) -> None:
+    def _settle(self, live: LiveSession) -> None:
         """Bring a group together after something happened in one of its sessions."""
         if live.record.group is not None:
             with self._group_lock:
                 self._group(live).settle(self._take, self._secret)
 
     def _take(
-        self, live: Live, event: Event, *, form: tuple[str, Mapping[str, Any]] | None = None
+        self, live: LiveSession, event: Event, *, form: tuple[str, Mapping[str, Any]] | None = None
     ) -> dict[str, Any]:
         with live.lock:
             state, effects = after(live.state, event)
@@ -385,7 +354,7 @@ class Desk:
                 live.sides = {}
         return self._view(live)
 
-    def _get(self, session: str) -> Live:
+    def _get(self, session: str) -> LiveSession:
         live = self._live.get(session)
         if live is None:  # only this waits for the disk
             with self._lock:
@@ -393,13 +362,13 @@ class Desk:
                 self._live[session] = live
         return live
 
-    def _load(self, session: str) -> Live:
+    def _load(self, session: str) -> LiveSession:
         record = self.store.session(session)
         test = self.store.test(record.test)
         plan = plan_from_dict(test.plan)
         order = [Presentation(**{**item, "kind": Kind(item["kind"])}) for item in record.order]
         state = Session(steps=make_steps(plan, order, record.role), dimensions=plan.dimensions)
-        live = Live(record=record, plan=plan, state=state, files=test.files)
+        live = LiveSession(record=record, plan=plan, state=state, files=test.files)
         for stored in self.store.events(session):
             event = event_from_data(stored.name, stored.data)
             live.state, _ = after(live.state, event)
@@ -425,7 +394,7 @@ class Desk:
             profile=self.displays.get(display).as_dict(),
         )  # fmt: skip
 
-    def _wrong_pixels(self, live: Live, pixels: object) -> str:
+    def _wrong_pixels(self, live: LiveSession, pixels: object) -> str:
         """Return the sides whose pixels, as reported, are not those of the stimulus."""
         presentation = live.state.step.presentation
         if presentation is None or not isinstance(pixels, Mapping):
@@ -435,11 +404,11 @@ class Desk:
             side for side, right in known.items() if right and pixels.get(side, right) != right
         )
 
-    def _bytes(self, live: Live, presentation: Presentation, side: str) -> bytes:
+    def _bytes(self, live: LiveSession, presentation: Presentation, side: str) -> bytes:
         return self.shelf.serving(live.files[_key(live, presentation, side)])
 
 
-def _key(live: Live, presentation: Presentation, side: str) -> str:
+def _key(live: LiveSession, presentation: Presentation, side: str) -> str:
     is_reference = presentation.reference_is_a == (side == "A")
     condition = live.plan.reference if is_reference else presentation.condition
     return f"{presentation.content}/{condition}"

@@ -11,14 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from dscqs.live_session import LiveSession
 from dscqs.session import SHOWN, Advanced, Event, Offered, Shown, Skipped, Standing
 
-if TYPE_CHECKING:
-    from dscqs.desk import Live
-
-Take = Callable[["Live", Event], object]
+Take = Callable[[LiveSession, Event], object]
 """Stores an event of a session."""
 
 
@@ -26,16 +23,16 @@ Take = Callable[["Live", Event], object]
 class Group:
     """A screen and the telephones before it."""
 
-    screen: Live
-    phones: Sequence[Live]
+    screen: LiveSession
+    phones: Sequence[LiveSession]
 
     @property
-    def active(self) -> list[Live]:
+    def active(self) -> list[LiveSession]:
         """The telephones whose votes count now."""
         return [phone for phone in self.phones if phone.state.standing is Standing.ACTIVE]
 
     @property
-    def waited_for(self) -> list[Live]:
+    def waited_for(self) -> list[LiveSession]:
         """The telephones that have not voted on what the screen has shown."""
         here = self.screen.state.num_shown
         return [

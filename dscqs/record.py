@@ -9,10 +9,10 @@ from datetime import UTC, datetime
 from typing import Any
 
 from dscqs.errors import VotesError
+from dscqs.live_session import reason_of
 from dscqs.order import Kind
 from dscqs.plan import plan_from_dict
 from dscqs.store import SessionRecord, SessionStore, StoredEvent, TestRecord
-from dscqs.views import reason_of
 from dscqs.votes import ORDERED, Order, Vote, VoteTable, format_csv, make_table
 
 WITHDRAWN = "withdrawn"

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dscqs.group import Group
+from dscqs.live_session import LiveSession
 from dscqs.session import Stage
-
-if TYPE_CHECKING:
-    from dscqs.desk import Live
-    from dscqs.group import Group
 
 LABELS = ("Excellent", "Good", "Fair", "Poor", "Bad")
 """Of the five fifths of the scale, best first."""
 
 
-def state_view(live: Live, group: Group | None = None) -> dict[str, Any]:
+def state_view(live: LiveSession, group: Group | None = None) -> dict[str, Any]:
     """Return where the session stands; nothing in it depends on what is shown.
 
     ``group`` is given for a screen.
@@ -44,7 +42,7 @@ def state_view(live: Live, group: Group | None = None) -> dict[str, Any]:
     return view
 
 
-def presentation_view(live: Live, tokens: Mapping[str, str]) -> dict[str, Any]:
+def presentation_view(live: LiveSession, tokens: Mapping[str, str]) -> dict[str, Any]:
     """Return a presentation as it is given out; dummies and training look like every other."""
     plan = live.plan
     return {
@@ -61,7 +59,7 @@ def presentation_view(live: Live, tokens: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def progress_view(live: Live) -> dict[str, Any]:
+def progress_view(live: LiveSession) -> dict[str, Any]:
     """Return what the operator sees of a session."""
     index, total = live.state.place
     record = live.record
@@ -81,21 +79,3 @@ def progress_view(live: Live) -> dict[str, Any]:
         "last": live.last,
         "notes": list(live.notes),
     }
-
-
-def reason_of(log: Mapping[str, Any]) -> str:
-    """Return why a presentation failed, as its page said it."""
-    faults = log.get("faults")
-    said = [
-        f"{fault.get('kind', '')}: {fault.get('detail', '')}"[:120]
-        for fault in (faults if isinstance(faults, list) else [])
-        if isinstance(fault, Mapping)
-    ]
-    return "; ".join(said[:3])
-
-
-def note_of(detail: Mapping[str, Any]) -> str:
-    """Return what a note of the page says: codes of what is wrong with the display, or a text."""
-    codes = detail.get("codes")
-    said = codes if isinstance(codes, list) else [detail.get("message", "")]
-    return ", ".join(str(one) for one in said)[:200]
