@@ -91,6 +91,11 @@ def test_the_pages_are_there(name):
     assert _text(name).startswith("# ")
 
 
+def test_every_document_is_in_the_list_of_documents():
+    linked = set(re.findall(r"\]\(([\w-]+\.md)\)", _text("docs/README.md")))
+    assert linked == {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"}
+
+
 # Commands
 
 
