@@ -1,4 +1,4 @@
-"""How many of the sub-pixel phases the observations fill (METHOD §2: K² samples a pixel)."""
+"""How many of the sub-pixel phases the observations fill (thesis §3.2: K² samples a pixel)."""
 
 from __future__ import annotations
 

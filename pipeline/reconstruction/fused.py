@@ -1,7 +1,7 @@
 """The default solver: all trusted observations at once, weighted, with an edge-preserving prior.
 
-Not in the thesis, which visits LR pixels one after another (Eq. 9, Eq. 10; see ``pocs``);
-the constraints and the PSF are the same. Two rounds:
+A maximum-a-posteriori estimate. Not in the thesis, which visits LR pixels one after another
+(Eq. 9, Eq. 10; see ``pocs``); the constraints and the PSF are the same. Two rounds:
 
 1. the reference view alone is enlarged and sharpened by a linear filter (``restoration``), and
    corrected by learned ones (``learned``);
@@ -9,8 +9,8 @@ the constraints and the PSF are the same. Two rounds:
    they agree with it around them, once a view that agrees badly has been aligned anew
    (``realign``); then all are fused.
 
-So no view can do harm by having been misregistered. The prior smooths first differences,
-the less so the larger those around them are, by re-weighting; it and the weights follow the
+So no view can do harm by having been misregistered. The prior smooths first differences, the less
+so the larger those around them are, by re-weighting (a Cauchy prior); it and the weights follow the
 noise.
 """
 

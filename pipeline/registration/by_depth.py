@@ -1,9 +1,10 @@
 """Landing points told by depth maps: what moves is not fitted where depth has proved right.
 
-A frame whose views were fitted has shown at thousands of places at what nearness the parallax
-motion of two views holds. What their depth map has to be corrected by for that, by a bilinear
-function of place and nearness, is learned from those places; where something changes in a later
-frame, its depth map, so corrected, says where it lands. Not in the thesis.
+Depth-image-based warping, with depth maps that registration has corrected. A frame whose views were
+fitted has shown at thousands of places at what nearness the parallax motion of two views holds.
+What their depth map has to be corrected by for that, by a bilinear function of place and nearness,
+is learned from those places; where something changes in a later frame, its depth map, so corrected,
+says where it lands. Not in the thesis.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """A view on a second reference, from how it lies on the first: no pixel of it is fitted twice.
 
-All cameras look at one instant, so that a surface which a fit onto one reference has found
-lands on every other where the rig's geometry puts it, whether it moves or not. The depth of a
-pixel is told by where it lands on the one; the parallax motion of the other turns it into a
-landing point there. Not in the thesis.
+Point transfer through the first reference. All cameras look at one instant, so that a surface which
+a fit onto one reference has found lands on every other where the rig's geometry puts it, whether it
+moves or not. The depth of a pixel is told by where it lands on the one; the parallax motion of the
+other turns it into a landing point there. Not in the thesis.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """The motion of one view onto another, turned round: where the other's pixels land on the one.
 
-Of two views of one instant either fit tells both ways. Pixels of the view that was fitted are
-spread over those of the other around which they land, as far as they are believed to show what
-is seen there; each of these is then sent back to where they came from. Not in the thesis.
+The inverse of a warp, by splatting. Of two views of one instant either fit tells both ways. Pixels
+of the view that was fitted are spread over those of the other around which they land, as far as
+they are believed to show what is seen there; each of these is then sent back to where they came
+from. Not in the thesis.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """The motion of a whole view: a homography plus parallax along an epipole.
 
-A pixel p of nearness d lands at ``H p + d e`` (homogeneous). With pinhole
-cameras that is exact, whatever factor and offset the nearness carries, since H
-absorbs the offset; with calibration it is known, without it is fitted to
-sparse matches. It gives each patch its start and says in which direction a
-wrong depth moves it. Not in the thesis, which starts from layer-global motion
-or from calibration (§2.2, Figure 5); the latter is :func:`from_calibration`.
+A pixel p of nearness d lands at ``H p + d e`` (homogeneous): plane plus parallax. With pinhole
+cameras that is exact, whatever factor and offset the nearness carries, since H absorbs the offset;
+with calibration it is known, without it is fitted to sparse matches. It gives each patch its start
+and says in which direction a wrong depth moves it. Not in the thesis, which starts from
+layer-global motion or from calibration (§2.2, Figure 5); the latter is :func:`from_calibration`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """What moves followed, where an eye is made of itself alone: in time, and from eye to eye.
 
-One of two eyes is made better by what the frame before has shown of it, the other one by the first,
-in turn: so each of them takes from the other's past, too, and either costs one search at most.
+Motion-compensated prediction, corrected by :mod:`pipeline.reconstruction.followed`. One of two eyes
+is made better by what the frame before has shown of it, the other one by the first, in turn: so
+each of them takes from the other's past, too, and either costs one search at most.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """What stands still is averaged over time: its noise falls from frame to frame.
 
-Not in the thesis. A pixel whose surroundings differ from the mean of the frames before by no
-more than noise explains joins that mean; another begins a new one. Differences are judged
-against the mean, not the frame before, so that what changes slowly is found too.
+Not in the thesis. A recursive temporal average. A pixel whose surroundings differ from the mean of
+the frames before by no more than noise explains joins that mean; another begins a new one.
+Differences are judged against the mean, not the frame before, so that what changes slowly is found
+too.
 """
 
 from __future__ import annotations
