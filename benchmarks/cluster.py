@@ -20,9 +20,10 @@ from pipeline.cluster import ClusterEngine
 from pipeline.config import Settings
 from pipeline.evaluation.tables import Table, number
 from pipeline.job import Job, OutputOptions
+from pipeline.line import WARM_UP
 from pipeline.machine import described, load_average, today
 from pipeline.run import run_job
-from pipeline.segments import WARM_UP, Engine
+from pipeline.segments import Engine
 from pipeline.synthetic import SampleScene, write_scene
 
 PATIENCE = 120.0

@@ -5,9 +5,9 @@ Rooms with maps of their own: :mod:`pipeline.registration`, :mod:`pipeline.recon
 :mod:`pipeline.synthetic`, :mod:`pipeline.evaluation`. Equations and words: ``pipeline/README.md``.
 
 * a job: :mod:`job` is what was asked for, :mod:`plan` what that means for a scene, :mod:`run` the
-  order of the work; :mod:`segments` computes it, or :mod:`cluster` on many machines, with a
-  :mod:`worker` for each stream of frames; :mod:`sink` (or :mod:`tee_sink`) takes the results, the
-  :mod:`workfolder` keeps them, under a :mod:`fingerprint`, until the job is done;
+  order of the work; :mod:`segments` computes it, or :mod:`cluster` on many machines, along the
+  :mod:`line` of stages with one :mod:`worker`; :mod:`sink` (or :mod:`tee_sink`) takes the results,
+  the :mod:`workfolder` keeps them, under a :mod:`fingerprint`, until the job is done;
 * what is told of it: :mod:`events`, :mod:`report`, :mod:`debug_pictures`;
 * holding a rate: :mod:`realtime`, by the :mod:`effort` of each frame;
 * values that cross borders: :mod:`frames`, :mod:`results`, :mod:`config`, :mod:`errors`;

@@ -31,9 +31,10 @@ from pipeline.errors import ClusterError, ConfigurationError, PipelineError
 from pipeline.events import Event, SegmentFinished, Warned
 from pipeline.fingerprint import scene_files
 from pipeline.job import Job, Segment
+from pipeline.line import Work
 from pipeline.media.media_sink import MediaSink
 from pipeline.report import versions
-from pipeline.segments import FrameComputed, LocalEngine, Work, is_finished, open_source
+from pipeline.segments import FrameComputed, LocalEngine, is_finished, open_source
 from pipeline.sink import OutputPlan, Sink
 from pipeline.stop import StopFlag
 from pipeline.workfolder import SegmentFiles

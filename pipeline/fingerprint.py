@@ -11,10 +11,10 @@ from typing import Any
 
 from pipeline.effort import SWIFT
 from pipeline.job import Job
+from pipeline.line import WATCHED, warm_up
 from pipeline.media.eye_files import eyes_beside
 from pipeline.media.video_format import view_path
 from pipeline.report import to_plain, versions
-from pipeline.segments import WATCHED, warm_up
 from pipeline.superresolve.due import NEW, STILL, WARM
 from pipeline.superresolve.restore import CHANGED, REGISTER_EVERY
 

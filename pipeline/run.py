@@ -17,6 +17,7 @@ from pipeline.events import Event, FrameFinished, JobFinished, JobStarted, Joini
 from pipeline.fingerprint import make_fingerprint
 from pipeline.frames import MultiViewFrame
 from pipeline.job import Job, cut_segments
+from pipeline.line import Work
 from pipeline.media.files import write_atomic
 from pipeline.plan import check_outputs, check_scene_kept, files_of, make_plan, with_magnification
 from pipeline.psf_curve import PsfCurve
@@ -28,7 +29,6 @@ from pipeline.segments import (
     FrameComputed,
     LocalEngine,
     SegmentTools,
-    Work,
     is_finished,
     open_source,
 )

@@ -7,54 +7,34 @@
 
 Between two stages one frame waits at most, so that the slowest of them paces all, results
 stay in order, and memory does not grow with the length. A stage that fails or a stop ends
-all of them. One :class:`pipeline.worker.Worker` owns the chain; its two halves are two stages.
+all of them. What the stages before packing do is :mod:`pipeline.line`.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 from pipeline.channel import Ahead
 from pipeline.debug_pictures import write_debug_pictures
-from pipeline.effort import FULL, Effort, depth_looked_at, looked_at
-from pipeline.errors import SceneError
 from pipeline.events import Event, SegmentFinished, Warned
-from pipeline.frames import MultiViewFrame
 from pipeline.job import Job, Segment
-from pipeline.media.info import SceneInfo
+from pipeline.line import DoneFrame, Line, Work, hold_rate
 from pipeline.media.media_sink import MediaSink
 from pipeline.media.source import FrameSource, open_scene
-from pipeline.realtime import Controller, paced
-from pipeline.reconstruction.psf import GaussianPsf
-from pipeline.report import depth_origin, to_plain, unknown_depth
+from pipeline.report import to_plain, unknown_depth
 from pipeline.results import FrameResult
 from pipeline.sink import OutputPlan, Sink
 from pipeline.stop import StopFlag
-from pipeline.superresolve import RegisteredFrame
-from pipeline.temporal.neighbours import in_windows
-from pipeline.temporal.still import MOST_FRAMES
 from pipeline.threads import set_threads, thread_count
-from pipeline.view_at import with_view_between
 from pipeline.worker import Worker
 from pipeline.workfolder import SegmentFiles
 
 Item = TypeVar("Item")
-
-WARM_UP = 12
-"""Frames before a segment that are computed and thrown away where frames start warm, so that
-a segment comes out the same wherever it is computed and the picture does not jump there."""
-
-SWIFT_WARM_UP = 16
-"""The same with ``--temporal swift``, which solves less of what stands still in a frame."""
-
-WATCHED = MOST_FRAMES + 1
-"""Frames before those that are only looked at, for the mean of what stands still."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,21 +43,6 @@ class FrameComputed(Event):
 
     frame_index: int
     """Source frame number."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Work:
-    """Everything that a segment depends on: whoever has it and the scene can compute one."""
-
-    job: Job
-    plan: OutputPlan
-    frames: range
-    """Source frames of the job; none outside of it is read."""
-    num_segments: int
-    folder: Path
-    """The work folder."""
-    psf: GaussianPsf | None = None
-    """The estimated PSF, where the settings ask for one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +119,7 @@ class LocalEngine:
             or work.plan.between is not None,
             **({} if work.psf is None else {"psf": work.psf}),
         )
-        line = _Line(work=work, worker=worker, clock=self._tools.clock, stop=stop)
+        line = Line(work=work, worker=worker, clock=self._tools.clock, stop=stop)
         with ExitStack() as stages:
 
             def stage(items: Iterable[Item], name: str) -> Iterator[Item]:
@@ -186,7 +151,7 @@ class LocalEngine:
         self,
         work: Work,
         segment: Segment,
-        done: Iterator[_DoneFrame],
+        done: Iterator[DoneFrame],
         on_event: Callable[[Event], None],
         stop: StopFlag,
     ) -> None:
@@ -237,268 +202,6 @@ class LocalEngine:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _ReadFrame:
-    segment: Segment
-    frame: MultiViewFrame
-    neighbours: tuple[MultiViewFrame, ...]
-    """The frames around it whose pixels are constraints too."""
-    seconds: float
-    begins: bool
-    """Whether a new chain begins with it."""
-    first_computed: int
-    """The first frame of that chain that is not only looked at, unless the scene begins later."""
-
-    @property
-    def is_warm_up(self) -> bool:
-        """Whether it is a frame before its segment: computed and thrown away."""
-        return self.frame.frame_index < self.segment.start
-
-    @property
-    def is_watched(self) -> bool:
-        """Whether it is a frame before those: only looked at."""
-        return self.frame.frame_index < self.first_computed
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _HalfDoneFrame:
-    read: _ReadFrame
-    registered: RegisteredFrame
-    seconds: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _DoneFrame:
-    result: FrameResult
-    timings: Mapping[str, float]
-    depth: Mapping[str, str]
-    realtime: RealtimeRecord | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RealtimeRecord:
-    """What was left out of a frame so that the rate was held."""
-
-    dropped: bool
-    """Not computed: the frame before it is shown again."""
-    rung: str
-    """How much went into it, in words."""
-    repeated: tuple[str, ...]
-    """Views whose picture is that of an earlier frame."""
-    late: float
-    """Seconds after its time when it was begun."""
-    waited: float
-    """Seconds that were waited for its views beyond its time."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Line:
-    """The stages before packing; each takes what the one before it yields."""
-
-    work: Work
-    worker: Worker
-    clock: Callable[[], float]
-    stop: StopFlag
-    levels: dict[int, int] = field(default_factory=dict)
-    """Rung that a frame which is read ahead was read for, from the frame's number."""
-
-    def controller(self, info: SceneInfo) -> Controller:
-        """Return what is to hold the rate."""
-        return Controller(
-            rate=self.work.job.settings.rate or float(info.fps),
-            num_views=len(info.view_ids),
-            num_eyes=len(self.work.plan.targets),
-            has_depth=all(info.has_depth),
-        )
-
-    def read_for(
-        self, source: FrameSource, segments: Sequence[Segment], controller: Controller
-    ) -> Iterator[_ReadFrame]:
-        """Yield the frames of the segments, of each what its rung looks at, and note that rung."""
-        window = self.work.job.settings.temporal_window
-        targets = self.work.plan.targets
-        is_enlarged = self.work.job.settings.chroma == "bicubic"
-        colour = self.work.plan.computed if is_enlarged else None
-        efforts = [rung.effort for rung in controller.rungs]
-        before = FULL
-
-        def frames(wanted: range) -> Iterator[MultiViewFrame]:
-            nonlocal before
-            for number in wanted:
-                level = 0 if window else controller.level
-                level = highest_at_hand(source, targets, number, efforts, level, before)
-                effort = before = efforts[level]
-                self.levels[number] = level
-                view_ids = source.info.view_ids
-                only = looked_at(effort, view_ids, targets, number)
-                depth = depth_looked_at(effort, view_ids, targets)
-                is_all = only == depth == view_ids
-                yield source.read(number, only=None if is_all else only, depth=depth, colour=colour)
-
-        return self._read(frames, segments)
-
-    def read(self, source: FrameSource, segments: Sequence[Segment]) -> Iterator[_ReadFrame]:
-        """Yield the frames of the segments, each segment's warm-up before it."""
-        return self._read(lambda wanted: source.frames(wanted.start, wanted.stop), segments)
-
-    def _read(
-        self, frames_of: Callable[[range], Iterator[MultiViewFrame]], segments: Sequence[Segment]
-    ) -> Iterator[_ReadFrame]:
-        settings, frames = self.work.job.settings, self.work.frames
-        window = settings.temporal_window
-        for segment in segments:
-            begin = self.clock()
-            first = first_frame(self.work, segment)
-            wanted = range(
-                max(first - window, frames.start), min(segment.stop + window, frames.stop)
-            )
-            for frame, neighbours in in_windows(self._whole(frames_of, wanted), window):
-                if not first <= frame.frame_index < segment.stop:
-                    continue
-                yield _ReadFrame(
-                    segment=segment, frame=frame, neighbours=neighbours,
-                    seconds=self.clock() - begin,
-                    begins=frame.frame_index == first
-                    and (segment is segments[0] or not settings.realtime),
-                    first_computed=segment.start - warm_up(settings.temporal),
-                )  # fmt: skip
-                begin = self.clock()
-
-    def _whole(
-        self, frames_of: Callable[[range], Iterator[MultiViewFrame]], wanted: range
-    ) -> Iterator[MultiViewFrame]:
-        """Yield the frames wanted; raise SceneError where one is missing."""
-        expected = wanted.start
-        for frame in frames_of(wanted):
-            self.stop.check()
-            if frame.frame_index != expected:
-                break
-            expected += 1
-            yield frame
-        if expected != wanted.stop:
-            raise SceneError(f"frame {expected} is missing", path=self.work.job.scene)
-
-    def take(self, frames: Iterable[_ReadFrame]) -> Iterator[_DoneFrame]:
-        """Do both halves of a frame before the next one is begun, as a swift one needs it."""
-        for item in self._computed(frames):
-            begin = self.clock()
-            result = self.worker.take(item.frame, neighbours=item.neighbours)
-            if not item.is_warm_up:
-                yield self._done(item, result, begin)
-
-    def register(self, frames: Iterable[_ReadFrame]) -> Iterator[_HalfDoneFrame]:
-        for item in self._computed(frames):
-            begin = self.clock()
-            registered = self.worker.register(item.frame, neighbours=item.neighbours)
-            yield _HalfDoneFrame(read=item, registered=registered, seconds=self.clock() - begin)
-
-    def reconstruct(self, frames: Iterable[_HalfDoneFrame]) -> Iterator[_DoneFrame]:
-        for item in frames:
-            begin = self.clock()
-            result = self.worker.reconstruct(item.registered)
-            if not item.read.is_warm_up:
-                yield self._done(item.read, result, begin, item.seconds)
-
-    def _computed(self, frames: Iterable[_ReadFrame]) -> Iterator[_ReadFrame]:
-        """Yield the frames that are not only looked at; the others the worker is told of."""
-        for item in frames:
-            if item.begins:
-                self.worker.reset()
-            if item.is_watched:
-                self.worker.watch(item.frame)
-            else:
-                yield item
-
-    def _done(
-        self, read: _ReadFrame, result: FrameResult, begin: float, before: float = 0.0
-    ) -> _DoneFrame:
-        """Return a frame that is computed, with the view between its eyes, if one is asked for."""
-        plan = self.work.plan
-        if plan.between is not None:
-            result = with_view_between(
-                result, read.frame, plan.between, plan.targets[0], plan.grid
-            )  # fmt: skip
-        seconds = before + self.clock() - begin
-        return _DoneFrame(
-            result=result,
-            timings={"decode": read.seconds, **result.report.timings, "frame": seconds},
-            depth=depth_origin(read.frame),
-        )
-
-
-def highest_at_hand(
-    source: FrameSource,
-    targets: Sequence[str],
-    frame_index: int,
-    efforts: Sequence[Effort],
-    level: int,
-    before: Effort,
-) -> int:
-    """Return the first rung from ``level`` for which a frame has what it takes.
-
-    What a rung does not look at is let go, and not decoded. When it is looked at again it is
-    caught up with while frames go on being made without it.
-
-    Parameters
-    ----------
-    efforts : sequence of Effort
-        Of all rungs.
-    before : Effort
-        With which the frame before was read.
-    """
-    wanted = efforts[level]
-    depths = [set(depth_looked_at(effort, source.info.view_ids, targets)) for effort in efforts]
-    had = set(depth_looked_at(before, source.info.view_ids, targets))
-    has_depth = source.approach(frame_index, depth=depths[level])
-    has_views = not wanted.looks_around or source.approach(frame_index)
-    if not (has_views or before.looks_around):
-        return next(level for level, effort in enumerate(efforts) if not effort.looks_around)
-    if not has_depth:
-        return next(lower for lower in range(level, len(efforts)) if depths[lower] <= had)
-    return level
-
-
-def hold_rate(
-    line: _Line, frames: Iterable[_ReadFrame], controller: Controller
-) -> Iterator[_DoneFrame]:
-    """Yield frames as a live stream would have them: see :mod:`pipeline.realtime`.
-
-    One chain goes through all segments. A frame that is dropped shows the last picture again; one
-    that was read ahead for a lower rung is made on that.
-    """
-    targets = line.work.plan.targets
-    last: FrameResult | None = None
-    work = [0.0]
-    for item, choice in paced(
-        frames, controller, line.clock, lambda: work[-1],
-        lambda item: line.levels.pop(item.frame.frame_index),
-    ):  # fmt: skip
-        begin = line.clock()
-        frame = item.frame
-        is_shown_again = choice.drop and last is not None
-        rung = choice.rung
-        if choice.drop and last is not None:
-            report = replace(last.report, frame_index=frame.frame_index, timings={})
-            last = replace(last, frame_index=frame.frame_index, report=report, debug={})
-        else:
-            last = line.worker.take(frame, effort=rung.effort, neighbours=item.neighbours)
-        work[-1] = line.clock() - begin
-        yield _DoneFrame(
-            result=last,
-            timings={
-                "decode": item.seconds, **last.report.timings, "frame": work[-1],
-            },
-            depth=depth_origin(frame) if rung.effort.needs_depth else {},
-            realtime=RealtimeRecord(
-                dropped=choice.drop,
-                rung=str(rung),
-                repeated=targets if is_shown_again else (),
-                late=max(0.0, choice.late),
-                waited=choice.waited,
-            ),
-        )  # fmt: skip
-
-
 def open_source(job: Job, open_scene: Callable[..., FrameSource] = open_scene) -> FrameSource:
     """Return the scene of a job, open."""
     options = job.input
@@ -517,16 +220,3 @@ def is_finished(files: SegmentFiles, sink: Sink, segment: Segment) -> bool:
     if account is None or len(account.get("frames", ())) != len(segment):
         return False
     return all(path.is_file() for path in sink.files_of(segment, files.stem(segment)))
-
-
-def first_frame(work: Work, segment: Segment) -> int:
-    """Return the frame a segment's chain begins with: the segment's own, or one before it."""
-    settings = work.job.settings
-    if settings.temporal == "cold" or settings.realtime:
-        return segment.start
-    return max(segment.start - warm_up(settings.temporal) - WATCHED, work.frames.start)
-
-
-def warm_up(temporal: str) -> int:
-    """Return how many frames before a segment are computed and thrown away."""
-    return {"cold": 0, "swift": SWIFT_WARM_UP}.get(temporal, WARM_UP)

@@ -18,10 +18,10 @@ from pipeline.errors import ConfigurationError, Interrupted, OutputError, SceneE
 from pipeline.events import FrameFinished, JobFinished, JobStarted, SegmentFinished, Warned
 from pipeline.frames import MultiViewFrame, View
 from pipeline.job import FrameRange, InputOptions, Job, OutputOptions, cut_segments
+from pipeline.line import highest_at_hand
 from pipeline.media.source import MemorySource
 from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
 from pipeline.run import Tools, check_outputs, run_job
-from pipeline.segments import highest_at_hand
 from pipeline.sink import MemorySink
 from pipeline.stop import StopFlag
 from pipeline.workfolder import work_folder_of

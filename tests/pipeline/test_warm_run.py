@@ -13,11 +13,11 @@ import pytest
 from pipeline.config import Settings
 from pipeline.events import SegmentFinished
 from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
+from pipeline.line import WATCHED, warm_up
 from pipeline.media.layouts import describe_path
 from pipeline.media.scene_source import SceneSource
 from pipeline.metrics import psnr
 from pipeline.run import Tools, run_job
-from pipeline.segments import WATCHED, warm_up
 from pipeline.synthetic import SampleScene, write_scene
 
 NUM_FRAMES = 8
