@@ -62,6 +62,21 @@ class _Order:
     make_sink: Callable[[OutputPlan], Sink]
 
 
+class _Client(Client):
+    """One that closes itself where it is refused.
+
+    Else the garbage collector closes it in whatever thread it runs: in one that another client has
+    just begun to start, each of the two waits for the other.
+    """
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        try:
+            super().__init__(*arguments, **named)
+        except BaseException:
+            self.close()
+            raise
+
+
 class ClusterEngine:
     """Computes segments on the workers of a Dask scheduler; see :class:`pipeline.segments.Engine`.
 
@@ -96,7 +111,7 @@ class ClusterEngine:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # versions are our own check
-                self._client = Client(
+                self._client = _Client(
                     address, timeout=patience, set_as_default=False, name="depthsr"
                 )
         except (OSError, ValueError, TypeError) as error:

@@ -8,6 +8,7 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -277,6 +278,14 @@ def test_no_scheduler_and_no_worker_are_told_apart(tmp_path):
         ClusterEngine("carrier pigeon", patience=0.5)
     with contextlib.closing(Cluster(tmp_path)) as empty:
         assert "no worker; start some with 'dask worker tcp:" in _refusal(empty.address)
+
+
+def test_a_client_that_is_refused_leaves_nothing_to_the_garbage_collector():
+    """Which would close it in any thread, also in one that it has to wait for."""
+    before = set(threading.enumerate())
+    with pytest.raises(ClusterError, match="no scheduler answers there"):
+        ClusterEngine("carrier pigeon", patience=0.5)
+    assert set(threading.enumerate()) <= before
 
 
 def test_a_worker_without_the_package_is_named(cluster, manifest, tmp_path):
