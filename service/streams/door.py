@@ -1,23 +1,82 @@
-"""A folder for the socket of our own workers: short of path, ours alone, gone when we are."""
+"""How our own workers reach the bus: by a socket in a folder that nobody else may open.
+
+The folder's path is short, as a socket's may not be long; it is gone when we are.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
 import os
+import secrets
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
+
+from service.bus.config import BusConfig
 
 PREFIX = "depthsr-bus-"
 """Of the folders' names, in the folder of temporary files."""
 
 
+class WorkersDoor:
+    """The socket of one service's workers and, where users are asked for, their user."""
+
+    def __init__(self) -> None:
+        self._folder: PrivateFolder | None = None
+        self._user, self._password = f"worker-{secrets.token_hex(4)}", secrets.token_hex(16)
+
+    def opened(self, config: BusConfig) -> BusConfig:
+        """Return the settings by which the service listens at this door, too.
+
+        A client of another router has none: its workers go there themselves.
+        """
+        if config.mode == "client":
+            return config
+        if self._folder is None:
+            self._folder = PrivateFolder()
+        users = None
+        if config.users_file is not None:
+            users = self._folder.path / "users"
+            users.touch(mode=0o600)
+            known = config.users_file.read_text(encoding="utf-8").rstrip("\n")
+            users.write_text(f"{known}\n{self._user}:{self._password}\n", encoding="utf-8")
+        return replace(
+            config,
+            listen=(*config.listen, self._endpoint),
+            users_file=users,
+            workers_user=None if users is None else self._user,
+        )
+
+    def for_workers(self, config: BusConfig) -> BusConfig:
+        """Return the settings by which the workers come in."""
+        if self._folder is None:
+            return replace(config, listen=())
+        is_asked = config.users_file is not None
+        return BusConfig(
+            connect=(self._endpoint,),
+            user=self._user if is_asked else None,
+            password=self._password if is_asked else None,
+            max_message=config.max_message,
+        )
+
+    def close(self) -> None:
+        """Remove the folder, if there is one."""
+        if self._folder is not None:
+            self._folder.close()
+
+    @property
+    def _endpoint(self) -> str:
+        assert self._folder is not None  # the door is open
+        return f"unixsock-stream/{self._folder.path}/bus"
+
+
 class PrivateFolder:
     """A new folder that nobody else may open; it is locked for as long as this process lives.
 
-    In the folder of temporary files, since the path of a socket may not be long. Whatever
-    services that were killed have left there is removed first: folders that nobody locks.
+    It lies in the folder of temporary files. What services that were killed have left there is
+    removed first: folders that nobody locks.
     """
 
     def __init__(self) -> None:

@@ -11,11 +11,10 @@ import contextlib
 import json
 import logging
 import queue
-import secrets
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from service.bus.bus import JSON, Answer, Bus, BusError, Question, Sample, answe
 from service.bus.config import BusConfig
 from service.config import MIB, ServiceConfig
 from service.live.broadcast import Broadcasts
-from service.streams.door import PrivateFolder
+from service.streams.door import WorkersDoor
 from service.streams.options import StreamOptions
 from service.streams.process import StreamProcess
 from service.streams.sequences import last_run
@@ -120,9 +119,7 @@ class Streams:
         self._wake = threading.Event()
         self._closing = False
         self._bus: Bus | None = None
-        self._door: PrivateFolder | None = None
-        """Of the socket that only our workers can open."""
-        self._user, self._password = f"worker-{secrets.token_hex(4)}", secrets.token_hex(16)
+        self._door = WorkersDoor()
         self.refused = 0
         """Manifests that were not taken."""
         self.losses = 0
@@ -165,8 +162,7 @@ class Streams:
             process.join(2)
         if self._bus is not None:
             self._bus.close()
-        if self._door is not None:
-            self._door.close()
+        self._door.close()
 
     def all(self) -> list[Stream]:
         """Return all streams, newest first."""
@@ -261,11 +257,8 @@ class Streams:
 
     def _open(self) -> None:
         config = self.config.bus()
-        ours = config
-        if config.mode != "client":
-            ours = self._with_private_door(config)
         try:
-            bus = self._open_bus(ours)
+            bus = self._open_bus(self._door.opened(config))
         except BusError as error:
             if self.problem != str(error):
                 log.warning("streams: %s", error)
@@ -276,25 +269,11 @@ class Streams:
         bus.answer(keys.STATUSES, self._asked_how_it_is)
         bus.live(keys.SERVICE)
         self._bus, self.problem = bus, ""
-        where = ", ".join((*getattr(bus, "listening", config.listen)[:len(config.listen)],
-                           *config.connect))  # fmt: skip
+        listening = getattr(bus, "listening", config.listen)[: len(config.listen)]
+        where = ", ".join((*listening, *config.connect))
         log.info("streams: zenoh is open", extra={"endpoints": where})
         for sample in bus.ask(keys.MANIFESTS, timeout=1.0):
             self._hear_manifest(sample)
-
-    def _with_private_door(self, config: BusConfig) -> BusConfig:
-        """Return the settings with a socket for our workers, and a user where users are asked."""
-        if self._door is None:
-            self._door = PrivateFolder()
-        users = None
-        if config.users_file is not None:
-            users = self._door.path / "users"
-            users.touch(mode=0o600)
-            known = config.users_file.read_text(encoding="utf-8").rstrip("\n")
-            users.write_text(f"{known}\n{self._user}:{self._password}\n", encoding="utf-8")
-        listen = (*config.listen, f"unixsock-stream/{self._door.path}/bus")
-        user = None if users is None else self._user
-        return replace(config, listen=listen, users_file=users, workers_user=user)
 
     def _listed(self) -> list[dict[str, Any]]:
         return [
@@ -424,7 +403,7 @@ class Streams:
             manifest=item.manifest.content,
             settings=self._with_defaults(item.settings),
             options=item.options,
-            bus=_plain(self._workers_bus()),
+            bus=_plain(self._door.for_workers(self.config.bus())),
             pictures=-1,
             sequences=str(sequences),
             memory=self.config.worker_memory * MIB,
@@ -454,19 +433,6 @@ class Streams:
         if self.config.worker_threads:
             given["threads"] = self.config.worker_threads
         return given
-
-    def _workers_bus(self) -> BusConfig:
-        """Return how our workers reach the bus: by a socket of our own where we listen."""
-        config = self.config.bus()
-        if self._door is None:
-            return replace(config, listen=())
-        is_asked = config.users_file is not None
-        return BusConfig(
-            connect=(f"unixsock-stream/{self._door.path}/bus",),
-            user=self._user if is_asked else None,
-            password=self._password if is_asked else None,
-            max_message=config.max_message,
-        )
 
     # Threads of the workers
 
