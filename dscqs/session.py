@@ -318,13 +318,6 @@ def after(session: Session, event: Event) -> tuple[Session, frozenset[Effect]]:
             return changed, frozenset({Effect.END_ADDRESSES})
 
 
-def replay(session: Session, events: Iterable[Event]) -> Session:
-    """Return the state after all events that were stored."""
-    for event in events:
-        session, _ = after(session, event)
-    return session
-
-
 def _after_shown(session: Session, event: Shown) -> tuple[Session, frozenset[Effect]]:
     _check_ticket(session, event.ticket)
     if event.outcome == "ok":
@@ -367,16 +360,6 @@ def check_grades(grades: Grades, dimensions: Iterable[str]) -> None:
                 raise GradesError(f"{where}: {grade} is not within 0 … 100")
             if abs(grade * 10 - round(grade * 10)) > 1e-6:
                 raise GradesError(f"{where}: {grade} is finer than 0.1")
-
-
-def check_invariants(session: Session) -> None:
-    """Raise AssertionError where a state contradicts itself."""
-    assert 0 <= session.at < len(session.steps)
-    assert session.num_shown == len(session.submissions) + session.skipped
-    assert len({vote.ticket for vote in session.submissions.values()}) == len(session.submissions)
-    assert session.ticket is None or session.step.stage in SHOWN
-    assert not session.is_shown or session.ticket is not None
-    assert session.standing is not Standing.WITHDRAWN or session.ticket is None
 
 
 def _forward(session: Session) -> Session:

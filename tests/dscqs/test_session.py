@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterable
 
 import pytest
 from hypothesis import given
@@ -13,9 +14,11 @@ from dscqs.plan import plan_from_dict
 from dscqs.session import (
     FORMS,
     READ,
+    SHOWN,
     Continued,
     Effect,
     Erased,
+    Event,
     FormFilled,
     Graded,
     Joined,
@@ -30,11 +33,9 @@ from dscqs.session import (
     Standing,
     Withdrawn,
     after,
-    check_invariants,
     event_from_data,
     event_to_data,
     make_steps,
-    replay,
 )
 
 PLAN = plan_from_dict(
@@ -49,6 +50,23 @@ PLAN = plan_from_dict(
     }
 )  # fmt: skip
 GRADES = {"quality": {"A": 71.3, "B": 40}, "depth": {"A": 0, "B": 100}}
+
+
+def replay(session: Session, events: Iterable[Event]) -> Session:
+    """Return the state after all events."""
+    for event in events:
+        session, _ = after(session, event)
+    return session
+
+
+def check_invariants(session: Session) -> None:
+    """Check that a state does not contradict itself."""
+    assert 0 <= session.at < len(session.steps)
+    assert session.num_shown == len(session.submissions) + session.skipped
+    assert len({vote.ticket for vote in session.submissions.values()}) == len(session.submissions)
+    assert session.ticket is None or session.step.stage in SHOWN
+    assert not session.is_shown or session.ticket is not None
+    assert session.standing is not Standing.WITHDRAWN or session.ticket is None
 
 
 def _new(plan=PLAN) -> Session:

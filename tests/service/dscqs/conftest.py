@@ -16,9 +16,10 @@ from fastapi import FastAPI
 
 from service.app import create_app
 from service.config import ServiceConfig
-from service.dscqs_client import AssessorClient, OperatorClient
+from service.dscqs_client import OperatorClient
 from service.http.dscqs_access import TOKEN_FILE
 from tests.service.dscqs.support import CONDITIONS, CONTENTS, REFERENCE, write_stimuli
+from tests.support.assessor_client import AssessorClient
 from tests.support.waiting import PATIENCE
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import uvicorn
 
 from pipeline.media.png import encode_png
-from service.dscqs_client import AssessorClient
+from tests.support.assessor_client import AssessorClient
 from tests.support.ports import free_port
 from tests.support.waiting import PATIENCE
 

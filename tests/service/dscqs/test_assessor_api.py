@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from dscqs.votes import parse_csv
-from service.dscqs_client import AssessorClient, DscqsClientError
+from service.dscqs_client import DscqsClientError
 from tests.service.dscqs.support import REFERENCE, colour_of, step, walk
+from tests.support.assessor_client import AssessorClient
 
 GRADES = {"quality": {"A": 71.3, "B": 40.0}}
 

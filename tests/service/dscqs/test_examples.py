@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shutil
 
-from service.dscqs_client import AssessorClient
 from service.http import dscqs_examples as examples
+from tests.support.assessor_client import AssessorClient
 
 OPERATOR = "/dscqs/api/operator"
 

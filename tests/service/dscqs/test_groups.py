@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from dscqs.votes import parse_csv
-from service.dscqs_client import AssessorClient, DscqsClientError
+from service.dscqs_client import DscqsClientError
 from tests.service.dscqs.support import step, walk
+from tests.support.assessor_client import AssessorClient
 
 
 @pytest.fixture

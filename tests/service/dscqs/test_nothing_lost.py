@@ -11,9 +11,10 @@ import httpx
 import pytest
 
 from dscqs.votes import parse_csv
-from service.dscqs_client import AssessorClient, DscqsClientError, OperatorClient
+from service.dscqs_client import DscqsClientError, OperatorClient
 from service.http.dscqs_access import TOKEN_FILE
 from tests.service.dscqs.support import KillableService, walk, write_stimuli
+from tests.support.assessor_client import AssessorClient
 from tests.support.waiting import PATIENCE
 
 

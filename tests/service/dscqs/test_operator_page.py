@@ -12,8 +12,8 @@ from playwright.sync_api import Page
 
 from dscqs.exchange.files import parse_scores
 from dscqs.votes import Order, parse_csv
-from service.dscqs_client import AssessorClient
 from tests.service.dscqs.support import walk
+from tests.support.assessor_client import AssessorClient
 from tests.support.browser import PATIENCE_MS
 
 

@@ -19,9 +19,10 @@ import pytest
 from scipy import stats
 
 from dscqs.stimulus import RANDOM_BYTES
-from service.dscqs_client import AssessorClient, OperatorClient
+from service.dscqs_client import OperatorClient
 from service.http.dscqs_access import TOKEN_FILE
 from tests.service.dscqs.support import REFERENCE, walk, write_stimuli
+from tests.support.assessor_client import AssessorClient
 from tests.support.waiting import PATIENCE
 
 SERVINGS = 150
