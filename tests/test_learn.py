@@ -9,11 +9,11 @@ import pytest
 from benchmarks.learn import Sums, of_photograph
 from pipeline.reconstruction.learned import FilterBank, num_classes
 from pipeline.reconstruction.psf import GaussianPsf
-from tests.pipeline.reconstruction.test_fused import _truth
+from tests.support.views import make_truth
 
 
 def test_the_taps_that_made_a_picture_are_found_again():
-    image = _truth((200, 220))
+    image = make_truth((200, 220))
     taps = np.zeros((num_classes(False), 24), np.float32)
     taps[:, 23], taps[:, 17], taps[:, 10] = -0.25, 0.125, 0.05
     sums = Sums.empty(num_classes(False))
@@ -26,7 +26,7 @@ def test_the_taps_that_made_a_picture_are_found_again():
 
 @pytest.mark.parametrize("magnification", [2, 3])
 def test_every_view_of_a_photograph_shows_what_lies_where_it_lands(tmp_path, magnification):
-    smooth = cv2.GaussianBlur(_truth((90, 120)), (0, 0), 5)
+    smooth = cv2.GaussianBlur(make_truth((90, 120)), (0, 0), 5)
     cv2.imwrite(str(tmp_path / "smooth.png"), smooth)
     psf = GaussianPsf.of(1.0)
     example = of_photograph(tmp_path / "smooth.png", magnification, psf, noise=0.0)

@@ -8,8 +8,8 @@ from pathlib import Path
 import httpx
 
 from service.client import Client
-from tests.pipeline.test_cluster import Cluster
-from tests.service.http.test_api import follow
+from tests.support.cluster import Cluster
+from tests.support.service_api import follow
 from tests.support.waiting import PATIENCE
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import httpx
 
-from tests.service.http.test_api import follow, is_problem
+from tests.support.service_api import follow, is_problem
 from tests.support.waiting import PATIENCE
 
 ROOT = Path(__file__).parents[2]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,7 +10,7 @@ import pytest
 
 from pipeline.baselines import bicubic
 from pipeline.frames import RegisteredView, Rejection
-from pipeline.grid import Grid, Sampling
+from pipeline.grid import Sampling
 from pipeline.metrics import psnr
 from pipeline.reconstruction.fused import (
     SMALLEST_NOISE,
@@ -25,88 +24,23 @@ from pipeline.reconstruction.fused import (
     prior_strength,
     settled_share,
 )
-from pipeline.reconstruction.psf import GaussianPsf, psf_axes, sampling_taps
+from pipeline.reconstruction.psf import GaussianPsf, sampling_taps
 from pipeline.reconstruction.restoration import restored
 from pipeline.reconstruction.system import simulate
 from pipeline.threads import set_threads, thread_count
+from tests.support.views import LR_SHAPE, PHASES, PSF, make_grid, make_truth, make_view, observe
 
-PSF = GaussianPsf(sigma=1.0, support=7)
-LR_SHAPE = (40, 54)
 SHIFTS = ((0.0, 0.0), (0.5, 0.25), (-0.3, 0.5), (0.25, -0.45))
 """Of the views, LR pixels; the first is the reference."""
 
 BORDER = 8
 """HR pixels left out when measuring."""
 
-PHASES = [
-    (magnification, sampling)
-    for magnification in ((2, 2), (3, 3), (4, 4), (2, 1), (1, 2), (3, 2))
-    for sampling in Sampling
-]
-
-
-def _grid(along_x: int = 2, along_y: int = 2, sampling: Sampling = Sampling.DECIMATION) -> Grid:
-    return Grid(magnification_x=along_x, magnification_y=along_y, sampling=sampling)
-
-
-def _truth(shape: tuple[int, int], seed: int = 3) -> np.ndarray:
-    """Blocks of random grey with sharp edges, a grating and some grain, (KH, KW)."""
-    rng = np.random.default_rng(seed)
-    blocks = np.kron(rng.uniform(40, 210, (shape[0] // 7 + 1, shape[1] // 9 + 1)), np.ones((7, 9)))
-    y, x = np.mgrid[: shape[0], : shape[1]]
-    grating = 15 * np.sin(0.9 * x + 0.5 * y)
-    grain = rng.normal(0, 3, shape)
-    return np.clip(blocks[: shape[0], : shape[1]] + grating + grain, 0, 255).astype(np.float32)
-
-
-def _taps(psf: GaussianPsf | None, position: float, size: int) -> np.ndarray:
-    """(size,) float64: the PSF along one axis at a fractional place, reflected about the edges."""
-    centre = math.floor(position + 0.5)
-    reach = 0 if psf is None else psf.support // 2
-    taps = [1.0] if psf is None else psf.taps_at(position - centre)
-    row = np.zeros(size)
-    for at, tap in enumerate(taps, start=centre - reach):
-        at %= 2 * size
-        row[at if at < size else 2 * size - 1 - at] += tap
-    return row
-
-
-def _observe(truth, grid, lr_shape, shift, psf=PSF, noise=0.0, seed=0) -> np.ndarray:
-    """What a view shifted by (x, y) LR pixels shows of an HR image (Eq. 6), (H, W) float32."""
-    along_x, along_y = psf_axes(psf, grid)
-    columns = [
-        _taps(along_x, (c + shift[0]) * grid.magnification_x + grid.offset_x, truth.shape[1])
-        for c in range(lr_shape[1])
-    ]
-    rows = [
-        _taps(along_y, (r + shift[1]) * grid.magnification_y + grid.offset_y, truth.shape[0])
-        for r in range(lr_shape[0])
-    ]
-    seen = np.array(rows) @ truth.astype(np.float64) @ np.array(columns).T
-    seen += np.random.default_rng([seed, 7]).normal(0, noise, lr_shape) if noise else 0.0
-    return np.clip(np.rint(seen), 0, 255).astype(np.float32)
-
-
-def _view(observed, shift=(0.0, 0.0), *, is_reference=False, flags=None) -> RegisteredView:
-    """A view whose pixels land ``shift`` LR pixels (x, y) from where they are."""
-    observed = np.asarray(observed, np.float32)
-    rows, columns = observed.shape
-    x, y = np.meshgrid(np.arange(columns) + shift[0], np.arange(rows) + shift[1])
-    position = np.stack([x, y], axis=-1).astype(np.float32)
-    outside = (x <= -0.5) | (y <= -0.5) | (x >= columns - 0.5) | (y >= rows - 0.5)
-    if flags is None:
-        flags = np.where(outside, np.uint8(Rejection.OUTSIDE), np.uint8(0))
-    return RegisteredView(
-        view_id=f"{shift}", observed=observed, position=position,
-        registration_weights=np.zeros_like(observed), flags=flags,
-        confidence=np.ones_like(observed), is_reference=is_reference,
-    )  # fmt: skip
-
 
 def _views(truth, grid, *, count=4, noise=0.0, lr_shape=LR_SHAPE, psf=PSF) -> list[RegisteredView]:
     return [
-        _view(
-            _observe(truth, grid, lr_shape, shift, psf, noise, seed=index), shift,
+        make_view(
+            observe(truth, grid, lr_shape, shift, psf, noise, seed=index), shift,
             is_reference=index == 0,
         )
         for index, shift in enumerate(SHIFTS[:count])
@@ -128,9 +62,9 @@ def _score(result: FusedResult, truth: np.ndarray) -> float:
 @pytest.mark.parametrize("sampling", list(Sampling))
 @pytest.mark.parametrize("magnification", [(2, 2), (3, 3), (4, 4), (2, 1)])
 def test_a_single_view_is_better_than_bicubic(magnification, sampling):
-    grid = _grid(*magnification, sampling)
+    grid = make_grid(*magnification, sampling)
     psf = GaussianPsf.of(0.5 * magnification[0])
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     views = _views(truth, grid, count=1, psf=psf)
     gain = _score(_fuse(views, grid, psf=psf), truth) - psnr(
         bicubic(views[0].observed, grid), truth, border=BORDER
@@ -141,8 +75,8 @@ def test_a_single_view_is_better_than_bicubic(magnification, sampling):
 @pytest.mark.parametrize(("noise", "gain"), [(0.0, 3.0), (2.0, 1.5)])
 @pytest.mark.parametrize("sampling", list(Sampling))
 def test_more_views_are_better(sampling, noise, gain):
-    grid = _grid(sampling=sampling)
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid(sampling=sampling)
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     scores = [
         _score(_fuse(_views(truth, grid, count=count, noise=noise), grid, noise=noise), truth)
         for count in (1, 2, 4)
@@ -153,9 +87,9 @@ def test_more_views_are_better(sampling, noise, gain):
 
 @pytest.mark.parametrize("magnification", [(3, 3), (4, 4), (2, 1), (3, 2)])
 def test_more_views_are_better_at_other_magnifications(magnification):
-    grid = _grid(*magnification, Sampling.AREA)
+    grid = make_grid(*magnification, Sampling.AREA)
     psf = GaussianPsf.of(0.5 * magnification[0])
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     views = _views(truth, grid, psf=psf)
     alone = _score(_fuse(views[:1], grid, psf=psf), truth)
     assert _score(_fuse(views, grid, psf=psf), truth) > alone + 0.8
@@ -165,21 +99,21 @@ def test_more_views_are_better_at_other_magnifications(magnification):
 @pytest.mark.parametrize("noise", [0.0, 2.0])
 def test_a_misregistered_view_does_no_harm(noise, away):
     """Its pixels lie ``away`` LR pixels from where they are said to be; nothing tells but Eq. 8."""
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     own, other, *_ = _views(truth, grid, noise=noise)
     said = (SHIFTS[1][0] + away[0], SHIFTS[1][1] + away[1])
-    lost = _view(other.observed, said)
+    lost = make_view(other.observed, said)
     alone, with_lost = (_fuse(views, grid, noise=noise) for views in ([own], [own, lost]))
     assert _score(with_lost, truth) > _score(alone, truth) - 0.02
     assert with_lost.weights[1].mean() < 0.15
 
 
 def test_a_misregistered_view_does_not_spoil_what_good_ones_bring():
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     views = _views(truth, grid, noise=1.0)
-    lost = _view(views[1].observed, (SHIFTS[1][0] + 3, SHIFTS[1][1] - 2))
+    lost = make_view(views[1].observed, (SHIFTS[1][0] + 3, SHIFTS[1][1] - 2))
     good = _fuse(views, grid, noise=1.0)
     with_lost = _fuse([*views, lost], grid, noise=1.0)
     assert _score(with_lost, truth) > _score(good, truth) - 0.1
@@ -187,16 +121,16 @@ def test_a_misregistered_view_does_not_spoil_what_good_ones_bring():
 
 
 def test_the_same_view_again_adds_nothing_but_does_not_harm():
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     own = _views(truth, grid, count=1)[0]
-    twice = _fuse([own, _view(own.observed)], grid)
+    twice = _fuse([own, make_view(own.observed)], grid)
     assert _score(twice, truth) > _score(_fuse([own], grid), truth) - 0.02
 
 
 def test_the_order_of_views_does_not_matter():
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     views = _views(truth, grid)
     forth, back = _fuse(views, grid), _fuse(views[::-1], grid)
     np.testing.assert_allclose(back.estimate, forth.estimate, atol=0.05)
@@ -220,7 +154,7 @@ def test_noise_raises_the_prior_and_a_wide_psf_lowers_it():
 
 @pytest.mark.parametrize(("magnification", "sampling"), PHASES)
 def test_the_prior_says_less_the_more_detail_there_is_around(magnification, sampling):
-    grid, tuning = _grid(*magnification, sampling), FusedTuning()
+    grid, tuning = make_grid(*magnification, sampling), FusedTuning()
     shape = grid.hr_shape((30, 60))
     texture = np.random.default_rng(5).normal(0, 1, shape).astype(np.float32)
     texture[:, : shape[1] // 2] = 0
@@ -243,14 +177,14 @@ def test_noise_that_is_left_over_is_no_detail():
     noise = np.random.default_rng(6).normal(0, 4, (80, 120)).astype(np.float32)
     rough = np.square(np.diff(noise, axis=1)).mean()
     known, unknown = (
-        local_strength(noise, _grid(), 4.0, FusedTuning(), left).mean() for left in (rough, 0.0)
+        local_strength(noise, make_grid(), 4.0, FusedTuning(), left).mean() for left in (rough, 0.0)
     )
     assert known > unknown + 0.2
 
 
 @pytest.mark.parametrize("lr_shape", [(1, 1), (1, 7), (5, 1)])
 def test_the_smallest_pictures_have_a_local_strength(lr_shape):
-    grid = _grid()
+    grid = make_grid()
     flat = np.full(grid.hr_shape(lr_shape), 9, np.float32)
     np.testing.assert_array_equal(local_strength(flat, grid, 1.0, FusedTuning()), 1)
 
@@ -264,8 +198,8 @@ def test_a_descent_goes_on_longest_where_aliasing_or_blur_is_to_be_undone():
 
 
 def test_told_of_noise_the_result_is_smoother_and_better():
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     views = _views(truth, grid, noise=5.0)
     told, untold = _fuse(views, grid, noise=5.0), _fuse(views, grid, noise=0.0)
     roughness = [np.abs(np.diff(result.estimate)).mean() for result in (told, untold)]
@@ -275,8 +209,8 @@ def test_told_of_noise_the_result_is_smoother_and_better():
 
 def test_noise_is_tolerated_by_the_weights():
     """True views keep their weight whatever the noise, if it is known."""
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     for noise in (1.0, 4.0, 8.0):
         views = _views(truth, grid, noise=noise)
         assert np.mean(_fuse(views, grid, noise=noise).weights[1:]) > 0.5
@@ -312,7 +246,7 @@ def test_agreement_weights_fall_with_the_error_and_are_zero_where_there_is_nothi
 
 
 def test_pixels_beyond_the_residual_threshold_are_flagged_and_left_out():
-    grid = _grid()
+    grid = make_grid()
     truth = np.full(grid.hr_shape(LR_SHAPE), 100, np.float32)
     own, other, *_ = _views(truth, grid)
     observed = other.observed.copy()
@@ -330,8 +264,8 @@ def test_pixels_beyond_the_residual_threshold_are_flagged_and_left_out():
 
 @pytest.mark.parametrize("reason", [reason for reason in Rejection if reason])
 def test_reasons_that_exclude_and_reasons_that_are_suspicions(reason):
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     views = _views(truth, grid, count=2)
     views[1].flags[10:20, 10:30] = np.uint8(reason)
     result = _fuse(views, grid)
@@ -342,8 +276,8 @@ def test_reasons_that_exclude_and_reasons_that_are_suspicions(reason):
 
 
 def test_pixels_without_a_place_are_left_out():
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     own, other = _views(truth, grid, count=2)
     position, flags = other.position.copy(), other.flags.copy()
     position[5:30] = np.nan
@@ -361,7 +295,7 @@ def test_pixels_without_a_place_are_left_out():
 
 @pytest.mark.parametrize(("magnification", "sampling"), PHASES)
 def test_a_ramp_lies_where_the_grid_says(magnification, sampling):
-    grid = _grid(*magnification, sampling)
+    grid = make_grid(*magnification, sampling)
     psf = GaussianPsf.of(0.5 * max(magnification))
     height, width = grid.hr_shape((16, 22))
     y, x = np.mgrid[:height, :width]
@@ -374,7 +308,7 @@ def test_a_ramp_lies_where_the_grid_says(magnification, sampling):
             + 2.0 * (grid.magnification_x * column + grid.offset_x)
             + 1.1 * (grid.magnification_y * row + grid.offset_y)
         )
-        views.append(_view(seen, shift, is_reference=index == 0))
+        views.append(make_view(seen, shift, is_reference=index == 0))
     inner = (slice(5 * magnification[1], -5 * magnification[1]),
              slice(5 * magnification[0], -5 * magnification[0]))  # fmt: skip
     for chosen in (views[:1], views):
@@ -385,18 +319,18 @@ def test_a_ramp_lies_where_the_grid_says(magnification, sampling):
 
 @pytest.mark.parametrize(("magnification", "sampling"), PHASES)
 def test_the_initial_estimate_is_bicubic_at_the_phase_of_the_grid(magnification, sampling):
-    grid = _grid(*magnification, sampling)
-    observed = _truth((14, 19))
+    grid = make_grid(*magnification, sampling)
+    observed = make_truth((14, 19))
     np.testing.assert_allclose(initial_estimate(observed, grid), bicubic(observed, grid), atol=1e-3)
 
 
 @pytest.mark.parametrize(("magnification", "sampling"), PHASES)
 def test_a_bright_pixel_lies_where_the_grid_says(magnification, sampling):
-    grid = _grid(*magnification, sampling)
+    grid = make_grid(*magnification, sampling)
     psf = GaussianPsf.of(0.5 * max(magnification))
     observed = np.full((15, 21), 60, np.float32)
     observed[6, 11] = 200
-    estimate = _fuse([_view(observed, is_reference=True)], grid, psf=psf).estimate - 60
+    estimate = _fuse([make_view(observed, is_reference=True)], grid, psf=psf).estimate - 60
     height, width = estimate.shape
     centre_x = grid.magnification_x * 11 + grid.offset_x
     centre_y = grid.magnification_y * 6 + grid.offset_y
@@ -406,8 +340,10 @@ def test_a_bright_pixel_lies_where_the_grid_says(magnification, sampling):
 
 
 def test_a_constant_stays_constant():
-    grid = _grid(3, 2, Sampling.AREA)
-    views = [_view(np.full((9, 14), 77), shift, is_reference=shift == (0, 0)) for shift in SHIFTS]
+    grid = make_grid(3, 2, Sampling.AREA)
+    views = [
+        make_view(np.full((9, 14), 77), shift, is_reference=shift == (0, 0)) for shift in SHIFTS
+    ]
     result = _fuse(views, grid)
     np.testing.assert_allclose(result.estimate, 77, atol=0.01)
     for view, weight in zip(views, result.weights, strict=True):
@@ -416,8 +352,8 @@ def test_a_constant_stays_constant():
 
 def test_where_a_view_sees_more_its_detail_goes_there():
     """Other views of the left half alone: the right half is no worse than of one view."""
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     views = _views(truth, grid)
     for view in views[1:]:
         view.flags[:, 27:] |= np.uint8(Rejection.OCCLUDED)
@@ -433,8 +369,8 @@ def test_where_a_view_sees_more_its_detail_goes_there():
 
 
 def test_the_record_says_what_was_done():
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     views = _views(truth, grid)
     result = _fuse(views, grid)
     assert result.estimate.shape == result.density.shape == truth.shape
@@ -465,8 +401,8 @@ def test_the_record_says_what_was_done():
 
 
 def test_one_thread_or_two_give_the_same_bits():
-    grid = _grid(3, 2, Sampling.AREA)
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid(3, 2, Sampling.AREA)
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     views = _views(truth, grid, noise=1.0)
     before = thread_count()
     try:
@@ -483,8 +419,8 @@ def test_one_thread_or_two_give_the_same_bits():
 
 
 def test_stop_ends_the_work_early():
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     views = _views(truth, grid)
     polls = []
 
@@ -501,18 +437,18 @@ def test_stop_ends_the_work_early():
 
 
 def test_a_better_start_is_used():
-    grid = _grid()
-    truth = _truth(grid.hr_shape(LR_SHAPE))
+    grid = make_grid()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
     own = _views(truth, grid, count=1)
     warm = _fuse(own, grid, start=truth)
     assert _score(warm, truth) > _score(_fuse(own, grid), truth) + 1
-    np.testing.assert_array_equal(truth, _truth(grid.hr_shape(LR_SHAPE))), "it is not modified"
+    np.testing.assert_array_equal(truth, make_truth(grid.hr_shape(LR_SHAPE))), "it is not modified"
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (3, 5)])
 @pytest.mark.parametrize(("magnification", "sampling"), PHASES)
 def test_tiny_images_and_wide_psfs(shape, magnification, sampling):
-    grid = _grid(*magnification, sampling)
+    grid = make_grid(*magnification, sampling)
     psf = GaussianPsf.of(2.0)
     truth = np.random.default_rng(1).uniform(90, 130, grid.hr_shape(shape))
     views = _views(truth, grid, count=2, lr_shape=shape, psf=psf)

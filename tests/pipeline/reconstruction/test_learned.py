@@ -23,7 +23,7 @@ from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.reconstruction.restoration import restored
 from pipeline.synthetic import SampleScene
 from pipeline.threads import set_threads, thread_count
-from tests.pipeline.reconstruction.test_fused import LR_SHAPE, PSF, _grid, _observe, _truth, _view
+from tests.support.views import LR_SHAPE, PSF, make_grid, make_truth, make_view, observe
 
 MIRRORINGS = (
     lambda image: image[:, ::-1], lambda image: image[::-1], lambda image: image.T,
@@ -32,7 +32,7 @@ MIRRORINGS = (
 
 
 def _filters(noise: float = 2.0) -> LearnedFilters:
-    found = learned_filters(_grid(), PSF.sigma, noise)
+    found = learned_filters(make_grid(), PSF.sigma, noise)
     assert found is not None
     return found
 
@@ -45,7 +45,7 @@ def test_the_restoration_and_the_result_come_nearer_to_the_truth(magnification, 
         width=256 // magnification, height=192 // magnification, num_views=2, seed=11,
         magnification=magnification,
     )  # fmt: skip
-    grid, psf = _grid(magnification, magnification), GaussianPsf.of(0.5 * magnification)
+    grid, psf = make_grid(magnification, magnification), GaussianPsf.of(0.5 * magnification)
     frame = scene.frame(psf_sigma=psf.sigma, psf_support=psf.support, noise_sigma=noise)
     truth, observed = scene.truth(0).hr_luma[0], frame.views[0].luma
     learned = learned_filters(grid, psf.sigma, noise)
@@ -54,7 +54,7 @@ def test_the_restoration_and_the_result_come_nearer_to_the_truth(magnification, 
     corrected = learned.of_one.apply(start)
     assert psnr(corrected, truth, border=8) > psnr(start, truth, border=8) + 0.02
     made = fuse(
-        [_view(observed, is_reference=True)], grid, observed.shape, psf,
+        [make_view(observed, is_reference=True)], grid, observed.shape, psf,
         noise=noise, residual_threshold=30.0,
     )  # fmt: skip
     finished = learned.finished(made.estimate, made.density)
@@ -75,7 +75,7 @@ def test_a_constant_stays_constant(grey, height, width):
 
 @pytest.mark.parametrize("mirrored", MIRRORINGS)
 def test_a_mirrored_picture_comes_out_mirrored(mirrored):
-    image = _truth((40, 54))
+    image = make_truth((40, 54))
     turned = np.ascontiguousarray(mirrored(image))
     bank = _filters().of_one
     found, expected = bank.apply(turned), mirrored(bank.apply(image))
@@ -84,7 +84,7 @@ def test_a_mirrored_picture_comes_out_mirrored(mirrored):
 
 
 def test_filters_that_are_zero_change_nothing():
-    image = _truth((30, 41))
+    image = make_truth((30, 41))
     bank = FilterBank(np.zeros((num_classes(False), 24), np.float32))
     np.testing.assert_array_equal(bank.apply(image), image)
 
@@ -93,7 +93,7 @@ def test_taps_stand_where_the_picture_shows_them():
     """A bank whose only tap is that of the pixel two rows up and one to the left."""
     taps = np.zeros((num_classes(False), 24), np.float32)
     taps[:, (3 - 2) * 7 + (3 - 1)] = 1.0
-    image = _truth((30, 41))
+    image = make_truth((30, 41))
     count = num_classes(False)
     mirroring = kinds_of(image, None, (0, 30)) // count
     y, x = np.mgrid[5:25, 5:36]
@@ -108,7 +108,7 @@ def test_taps_stand_where_the_picture_shows_them():
 
 
 def test_the_more_views_the_higher_the_class():
-    image = _truth((30, 41))
+    image = make_truth((30, 41))
     classes = [
         kinds_of(image, np.full_like(image, views), (0, 30)) % num_classes(True)
         for views in (1.0, 2.0, 3.0, 6.0)
@@ -118,19 +118,21 @@ def test_the_more_views_the_higher_the_class():
 
 
 def test_views_are_counted():
-    observed = _observe(_truth(_grid().hr_shape(LR_SHAPE)), _grid(), LR_SHAPE, (0.0, 0.0))
-    shown = [_view(observed, is_reference=True), *[_view(observed) for _ in range(3)]]
+    observed = observe(
+        make_truth(make_grid().hr_shape(LR_SHAPE)), make_grid(), LR_SHAPE, (0.0, 0.0)
+    )
+    shown = [make_view(observed, is_reference=True), *[make_view(observed) for _ in range(3)]]
     for count in (1, 4):
-        made = fuse(shown[:count], _grid(), LR_SHAPE, PSF, noise=0.3, residual_threshold=30.0)
+        made = fuse(shown[:count], make_grid(), LR_SHAPE, PSF, noise=0.3, residual_threshold=30.0)
         np.testing.assert_allclose(views_seen(made.density, 2)[20:-20, 20:-20], count, rtol=0.1)
 
 
 def test_between_the_nodes_it_lies_between_and_beyond_them_nothing_changes():
     low, middle, high = (
-        learned_filters(_grid(), 1.0, noise).of_one.taps for noise in (1.0, 1.5, 2.0)
+        learned_filters(make_grid(), 1.0, noise).of_one.taps for noise in (1.0, 1.5, 2.0)
     )
     np.testing.assert_allclose(middle, (low + high) / 2, atol=1e-6)
-    ends = [learned_filters(_grid(), 9.0, noise).of_all.taps for noise in (8.0, 60.0)]
+    ends = [learned_filters(make_grid(), 9.0, noise).of_all.taps for noise in (8.0, 60.0)]
     np.testing.assert_array_equal(*ends)
 
 
@@ -141,11 +143,11 @@ def test_the_less_noise_the_less_a_result_is_corrected():
 
 @pytest.mark.parametrize("magnification", [(2, 1), (5, 5)])
 def test_there_are_none_for_other_magnifications(magnification):
-    assert learned_filters(_grid(*magnification), 1.0, 1.0) is None
+    assert learned_filters(make_grid(*magnification), 1.0, 1.0) is None
 
 
 def test_one_thread_or_two_give_the_same_bits():
-    image = _truth((3 * BAND + 5, 40))
+    image = make_truth((3 * BAND + 5, 40))
     before = thread_count()
     try:
         results = []
@@ -158,7 +160,7 @@ def test_one_thread_or_two_give_the_same_bits():
 
 
 def test_bands_join_without_a_seam():
-    image = _truth((2 * BAND + 9, 40))
+    image = make_truth((2 * BAND + 9, 40))
     whole = kinds_of(image, None, (0, len(image)))
     part = kinds_of(image, None, (BAND, 2 * BAND))
     np.testing.assert_array_equal(whole[BAND : 2 * BAND], part)
@@ -173,7 +175,7 @@ def _wanted(shape: tuple[int, int]) -> np.ndarray:
 @pytest.mark.parametrize("learned", [None, _filters()])
 @pytest.mark.parametrize("magnification", [2, 3])
 def test_the_start_is_the_same_where_only_some_of_it_is_wanted(magnification, learned):
-    grid = _grid(magnification, magnification)
+    grid = make_grid(magnification, magnification)
     reference = np.random.default_rng(3).uniform(0, 255, (70, 90)).astype(np.float32)
     wanted = _wanted(reference.shape)
     fine = wanted.repeat(magnification, 0).repeat(magnification, 1)
@@ -184,11 +186,11 @@ def test_the_start_is_the_same_where_only_some_of_it_is_wanted(magnification, le
 
 
 def test_what_is_finished_in_boxes_is_what_is_finished_at_once():
-    grid, learned = _grid(), _filters()
+    grid, learned = make_grid(), _filters()
     reference = np.random.default_rng(3).uniform(0, 255, (70, 90)).astype(np.float32)
     before, after = (
         fuse(
-            [_view(picture, is_reference=True)], grid, reference.shape, PSF,
+            [make_view(picture, is_reference=True)], grid, reference.shape, PSF,
             noise=2.0, residual_threshold=30.0,
         )
         for picture in (reference, 255 - reference)

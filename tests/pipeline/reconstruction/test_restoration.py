@@ -11,16 +11,16 @@ from pipeline.metrics import psnr
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.reconstruction.restoration import restoration_of, restored
 from pipeline.threads import set_threads, thread_count
-from tests.pipeline.reconstruction.test_fused import LR_SHAPE, PHASES, _grid, _observe, _truth
+from tests.support.views import LR_SHAPE, PHASES, make_grid, make_truth, observe
 
 
 @pytest.mark.parametrize(("magnification", "sampling"), PHASES)
 @pytest.mark.parametrize("noise", [0.0, 2.0])
 def test_it_is_better_than_bicubic(magnification, sampling, noise):
-    grid = _grid(*magnification, sampling)
+    grid = make_grid(*magnification, sampling)
     psf = GaussianPsf.of(0.5 * max(magnification))
-    truth = _truth(grid.hr_shape(LR_SHAPE))
-    observed = _observe(truth, grid, LR_SHAPE, (0.0, 0.0), psf, noise)
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
+    observed = observe(truth, grid, LR_SHAPE, (0.0, 0.0), psf, noise)
     found = restored(observed, grid, psf, noise)
     assert found.shape == truth.shape
     assert psnr(found, truth, border=8) > psnr(bicubic(observed, grid), truth, border=8) + 0.5
@@ -28,7 +28,7 @@ def test_it_is_better_than_bicubic(magnification, sampling, noise):
 
 @pytest.mark.parametrize(("magnification", "sampling"), PHASES)
 def test_a_ramp_lies_where_the_grid_says(magnification, sampling):
-    grid = _grid(*magnification, sampling)
+    grid = make_grid(*magnification, sampling)
     y, x = np.mgrid[:16, :22].astype(np.float32)
     at_x, at_y = grid.to_hr(np.stack([x, y], axis=-1))
     height, width = grid.hr_shape(x.shape)
@@ -47,17 +47,17 @@ def test_a_constant_stays_whatever_the_size(shape):
 
 
 def test_the_more_noise_the_smoother():
-    grid = _grid()
+    grid = make_grid()
     psf = GaussianPsf.of(1.0)
-    truth = _truth(grid.hr_shape(LR_SHAPE))
-    observed = _observe(truth, grid, LR_SHAPE, (0.0, 0.0), psf, 4.0)
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
+    observed = observe(truth, grid, LR_SHAPE, (0.0, 0.0), psf, 4.0)
     rough = [np.abs(np.diff(restored(observed, grid, psf, noise))).mean() for noise in (0, 2, 6)]
     assert rough == sorted(rough, reverse=True)
 
 
 @pytest.mark.parametrize(("magnification", "sampling"), PHASES)
 def test_it_knows_how_rough_noise_becomes(magnification, sampling):
-    grid, psf = _grid(*magnification, sampling), GaussianPsf.of(1.0)
+    grid, psf = make_grid(*magnification, sampling), GaussianPsf.of(1.0)
     noise = np.random.default_rng(2).normal(0, 3, (150, 200)).astype(np.float32)
     restoration = restoration_of(100 + noise, grid, psf, 2.0)
     made = restoration.apply(noise, grid)
@@ -67,13 +67,13 @@ def test_it_knows_how_rough_noise_becomes(magnification, sampling):
 
 
 def test_one_thread_or_two_give_the_same_bits():
-    observed = _truth((150, 40))
+    observed = make_truth((150, 40))
     before = thread_count()
     try:
         results = []
         for threads in (1, 2):
             set_threads(threads)
-            results.append(restored(observed, _grid(), GaussianPsf.of(1.0), 1.0))
+            results.append(restored(observed, make_grid(), GaussianPsf.of(1.0), 1.0))
     finally:
         set_threads(before)
     np.testing.assert_array_equal(*results)

@@ -14,7 +14,7 @@ from service.dscqs_client import OperatorClient
 from service.http.dscqs_access import TOKEN_FILE
 from tests.service.dscqs.support import KillableService, write_stimuli
 from tests.service.dscqs_pages.conftest import PROFILE, TIMING
-from tests.service.dscqs_pages.test_session import document_of, given, votes_of
+from tests.service.dscqs_pages.exports import document_of, given, votes_of
 from tests.support.assessor_page import AssessorPage
 from tests.support.waiting import PATIENCE
 

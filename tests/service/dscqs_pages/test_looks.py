@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 
 from dscqs.displays import profile_from_dict
 from tests.service.dscqs_pages.conftest import HEIGHT, PROFILE, TIMING, WIDTH
-from tests.service.dscqs_pages.test_session import given, logs_of, sides_of, votes_of
+from tests.service.dscqs_pages.exports import given, logs_of, sides_of, votes_of
 from tests.support.accessibility import problems
 from tests.support.browser import PATIENCE_MS
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from dscqs.displays import profile_from_dict
-from tests.service.dscqs_pages.test_session import document_of
+from tests.service.dscqs_pages.exports import document_of
 from tests.support.assessor_page import AssessorPage
 from tests.support.stereo import light_of, shift_between
 

@@ -12,7 +12,7 @@ import pytest
 from dscqs.pixel_hash import hash_frames
 from tests.service.dscqs.support import CONDITIONS, CONTENTS, REFERENCE
 from tests.service.dscqs_pages.conftest import TIMING
-from tests.service.dscqs_pages.test_session import given, logs_of, votes_of
+from tests.service.dscqs_pages.exports import given, logs_of, votes_of
 from tests.support.accessibility import problems
 from tests.support.waiting import PATIENCE
 

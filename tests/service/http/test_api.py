@@ -16,15 +16,8 @@ from service.http.job_events import stream_events
 from service.jobs.states import Action, State
 from service.notices import Notices
 from service.store import Store
+from tests.support.service_api import follow, is_problem
 from tests.support.waiting import PATIENCE
-
-PROBLEM = "application/problem+json"
-
-
-@pytest.fixture(scope="module")
-def api(live_service):
-    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as client:
-        yield client
 
 
 @pytest.fixture(scope="module")
@@ -34,29 +27,6 @@ def done(api, tiny_scene):
     job = api.post("/api/v1/jobs", json=body).json()["id"]
     follow(api, job)
     return job
-
-
-def follow(api, job, **headers):
-    """Return the events of a job until its end, by SSE."""
-    found = []
-    headers = {"Accept": "text/event-stream", **headers}
-    with api.stream("GET", f"/api/v1/jobs/{job}/events", headers=headers) as stream:
-        assert stream.headers["content-type"].startswith("text/event-stream")
-        for line in stream.iter_lines():
-            if line.startswith("data: "):
-                found.append(json.loads(line[6:]))
-    return found
-
-
-def is_problem(answer, status, kind):
-    assert answer.status_code == status, answer.text
-    assert answer.headers["content-type"] == PROBLEM
-    said = answer.json()
-    assert said["type"] == f"urn:depthsr:problem:{kind}"
-    assert said["status"] == status
-    assert said["title"]
-    assert said["detail"]
-    return said
 
 
 def test_a_job_is_taken_followed_and_done(api, done):

@@ -13,7 +13,7 @@ from service.cli import main
 from service.config import ServiceConfig
 from service.http import auth
 from service.http.auth import Tokens
-from tests.service.http.test_watch import OnAir
+from tests.support.on_air import OnAir
 from tests.support.waiting import PATIENCE
 
 FILE = """# who may do what

@@ -13,7 +13,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from tests.service.http.test_api import follow
+from tests.support.service_api import follow
 from tests.support.waiting import PATIENCE
 
 PAGE = Path(__file__).parents[3] / "docs" / "api.md"

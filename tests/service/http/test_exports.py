@@ -10,7 +10,6 @@ from fractions import Fraction
 
 import httpx
 import numpy as np
-import pytest
 
 from pipeline.media.decode import VideoReader
 from pipeline.media.encode import join_segments, write_segment
@@ -18,17 +17,11 @@ from pipeline.media.video_format import VideoFormat
 from pipeline.stereo import StereoLayout
 from service.cli import main
 from service.config import ServiceConfig
-from tests.service.http.test_api import follow, is_problem
-from tests.service.http.test_watch import OnAir
+from tests.support.on_air import OnAir
+from tests.support.service_api import follow, is_problem
 from tests.support.waiting import PATIENCE
 
 BODY = {"scene": "tiny", "input": {"frames": ":2"}, "output": {"segment_length": 1}}
-
-
-@pytest.fixture(scope="module")
-def api(live_service):
-    with httpx.Client(base_url=live_service.url, timeout=PATIENCE) as client:
-        yield client
 
 
 def _names(api, job):

@@ -14,7 +14,7 @@ from service.config import ServiceConfig
 from service.http import uploads
 from service.store import Store
 from tests.pipeline.media.test_layouts import write_msr
-from tests.service.http.test_watch import OnAir
+from tests.support.on_air import OnAir
 from tests.support.waiting import PATIENCE
 
 

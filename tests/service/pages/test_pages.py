@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import io
 import json
-import time
 
 import av
 import httpx
@@ -18,10 +16,10 @@ from pipeline.grid import Grid, Sampling
 from pipeline.media.video_format import CODECS
 from pipeline.stereo import anaglyph
 from service.config import ServiceConfig
-from tests.service.http.test_api import follow
-from tests.service.http.test_watch import OnAir
-from tests.support.browser import PATIENCE_MS
+from tests.support.on_air import OnAir
+from tests.support.service_api import follow
 from tests.support.waiting import PATIENCE, until
+from tests.support.watch_page import canvas_pixels, opened, until_page
 
 FRAMES = 24
 SOUGHT = 17
@@ -47,51 +45,13 @@ def job(live_service, tiny_scene):
     return made
 
 
-@contextlib.contextmanager
-def opened(chromium, url, *, width=1280, errors=()):
-    """A page that logs no error but those named."""
-    context = chromium.new_context(viewport={"width": width, "height": 800})
-    context.set_default_timeout(PATIENCE_MS)
-    page = context.new_page()
-    said = []
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("console", lambda line: said.append(line.text) if line.type == "error" else None)
-    page.goto(url)
-    yield page
-    context.close()
-    assert [line for line in said if not any(known in line for known in errors)] == []
-
-
-def _until(page, condition):
-    """Wait for a condition; the page's policy lets the browser's own waiting not in."""
-    deadline = time.monotonic() + PATIENCE_MS / 1000
-    while not page.evaluate(condition):
-        assert time.monotonic() < deadline, condition
-        page.wait_for_timeout(50)
-
-
-def _pixels(page):
-    """Return the canvas of the watch page: (H, W, 3) uint8."""
-    data = page.evaluate(
-        """() => {
-          const { view } = window.depthsrWatch, { gl, canvas } = view;
-          view.draw();
-          const out = new Uint8Array(4 * canvas.width * canvas.height);
-          gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, out);
-          return [canvas.width, canvas.height, Array.from(out)];
-        }"""
-    )
-    width, height, flat = data
-    return np.array(flat, np.uint8).reshape(height, width, 4)[::-1, :, :3]
-
-
 def _choose(page, **options):
     page.evaluate("options => Object.assign(window.depthsrWatch.view.options, options)", options)
 
 
 def _first_frame(page):
     """Pause at the first frame."""
-    _until(page, "window.depthsrWatch.numbers().drawn > 0")
+    until_page(page, "window.depthsrWatch.numbers().drawn > 0")
     page.evaluate(
         """async () => {
           const video = window.depthsrWatch.videos.result;
@@ -99,7 +59,7 @@ def _first_frame(page):
           video.currentTime = 0.01;
         }"""
     )
-    _until(page, "window.depthsrWatch.numbers().shownFrame === 0")
+    until_page(page, "window.depthsrWatch.numbers().shownFrame === 0")
 
 
 def test_hls_plays_to_the_end_with_every_frame(chromium, live_service, job):
@@ -108,8 +68,8 @@ def test_hls_plays_to_the_end_with_every_frame(chromium, live_service, job):
         held = []
         page.route("**/results", lambda route: held.append(route))
         page.goto(f"{live_service.url}/watch/jobs/{job}")
-        _until(page, "window.depthsrWatch.videos.result.ended")
-        _until(page, f"window.depthsrWatch.numbers().shownFrame === {FRAMES - 1}")
+        until_page(page, "window.depthsrWatch.videos.result.ended")
+        until_page(page, f"window.depthsrWatch.numbers().shownFrame === {FRAMES - 1}")
         quality = page.evaluate(
             "(q => [q.totalVideoFrames, q.corruptedVideoFrames])"
             "(window.depthsrWatch.videos.result.getVideoPlaybackQuality())"
@@ -125,7 +85,7 @@ def test_a_frame_sought_is_shown_though_the_browser_calls_none(chromium, live_se
     """A busy browser may put a frame on the screen without the call that tells of it."""
     with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
         _first_frame(page)
-        first = _pixels(page)
+        first = canvas_pixels(page)
         page.evaluate(
             """sought => {
               const video = window.depthsrWatch.videos.result;
@@ -134,27 +94,27 @@ def test_a_frame_sought_is_shown_though_the_browser_calls_none(chromium, live_se
             }""",
             (SOUGHT + 0.5) / FRAMES,
         )
-        _until(page, f"window.depthsrWatch.numbers().shownFrame === {SOUGHT}")
-        assert np.abs(_pixels(page).astype(int) - first).max() > 20
+        until_page(page, f"window.depthsrWatch.numbers().shownFrame === {SOUGHT}")
+        assert np.abs(canvas_pixels(page).astype(int) - first).max() > 20
 
 
 def test_every_view_shows_what_it_says(chromium, live_service, job):
     with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
         _first_frame(page)
-        both = _pixels(page)
+        both = canvas_pixels(page)
         assert both.shape == (72, 192, 3)
         left, right = both[:, :96], both[:, 96:]
         assert left.std() > 10
         _choose(page, half=True)
-        assert _pixels(page).shape == (72, 96, 3)
+        assert canvas_pixels(page).shape == (72, 96, 3)
         _choose(page, half=False, swap=True)
-        assert np.abs(_pixels(page)[:, :96].astype(int) - right).max() <= 1
+        assert np.abs(canvas_pixels(page)[:, :96].astype(int) - right).max() <= 1
         _choose(page, mode="tab", swap=False)
-        assert np.abs(_pixels(page)[72:].astype(int) - right).max() <= 1
+        assert np.abs(canvas_pixels(page)[72:].astype(int) - right).max() <= 1
         _choose(page, mode="left")
-        assert np.abs(_pixels(page).astype(int) - left).max() <= 1
+        assert np.abs(canvas_pixels(page).astype(int) - left).max() <= 1
         _choose(page, mode="anaglyph")
-        assert np.abs(_pixels(page).astype(int) - anaglyph(left, right)).max() <= 2
+        assert np.abs(canvas_pixels(page).astype(int) - anaglyph(left, right)).max() <= 2
 
 
 def _orange_clip(width, height):
@@ -190,7 +150,7 @@ def test_what_a_decoder_pads_its_planes_with_is_not_drawn(chromium, live_service
             }""",
             base64.b64encode(_orange_clip(192, 64)).decode(),
         )
-        shown = _pixels(page).astype(int)
+        shown = canvas_pixels(page).astype(int)
     assert shown.shape == (64, 192, 3)
     assert np.ptp(shown, axis=(0, 1)).max() <= 2
 
@@ -199,11 +159,11 @@ def test_before_is_the_observed_picture_enlarged_bicubically(chromium, live_serv
     with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
         _first_frame(page)
         page.locator("text=Before and after").click()
-        _until(
+        until_page(
             page, "window.depthsrWatch.view.hasBefore && !window.depthsrWatch.videos.before.seeking"
         )
         _choose(page, wipe=1.1)
-        shown = _pixels(page)
+        shown = canvas_pixels(page)
         width, height, flat = page.evaluate(
             """() => {
               const video = window.depthsrWatch.videos.before;
@@ -219,19 +179,19 @@ def test_before_is_the_observed_picture_enlarged_bicubically(chromium, live_serv
         expected = np.clip(bicubic(observed.astype(np.float32), grid), 0, 255)
         assert np.abs(shown - expected).max() <= 2
         _choose(page, wipe=-0.1)
-        assert np.abs(_pixels(page) - expected).max() > 10
+        assert np.abs(canvas_pixels(page) - expected).max() > 10
 
 
 def test_what_stands_still_is_compared_at_its_own_frame(chromium, live_service, job):
     with opened(chromium, f"{live_service.url}/watch/jobs/{job}") as page:
-        _until(page, "window.depthsrWatch.videos.result.ended")
-        _until(page, f"window.depthsrWatch.numbers().shownFrame === {FRAMES - 1}")
+        until_page(page, "window.depthsrWatch.videos.result.ended")
+        until_page(page, f"window.depthsrWatch.numbers().shownFrame === {FRAMES - 1}")
         page.locator("text=Before and after").click()
-        _until(page, "window.depthsrWatch.view.hasBefore")
+        until_page(page, "window.depthsrWatch.view.hasBefore")
         assert page.evaluate("window.depthsrWatch.numbers().shownFrame") == FRAMES - 1
         assert page.locator("#tag-one").is_visible()
         page.locator("#back-frame").click()
-        _until(
+        until_page(
             page,
             "window.depthsrWatch.view.hasBefore"
             f" && window.depthsrWatch.numbers().shownFrame === {FRAMES - 2}",
@@ -245,7 +205,7 @@ def test_pictures_come_without_what_only_a_video_has(chromium, live_service, job
         page.wait_for_selector("#tag-one:not([hidden])")
         assert "frame 0" in page.locator("#time").inner_text()
         page.locator("text=Pictures").click()
-        _until(page, "document.getElementById('stills').naturalWidth > 0")
+        until_page(page, "document.getElementById('stills').naturalWidth > 0")
         for hidden in ("#tag-one", "#tag-two", "#compare-tools", "#canvas"):
             assert not page.locator(hidden).is_visible()
         assert page.locator("#time").inner_text() == ""
@@ -261,22 +221,22 @@ def test_the_live_edge_plays_to_the_end(chromium, tmp_path):
     with OnAir(config) as station:
         station.feed(3)
         with opened(chromium, f"http://{station.address}/watch/streams/room") as page:
-            _until(page, "window.depthsrWatch.numbers().way === 'live'")
+            until_page(page, "window.depthsrWatch.numbers().way === 'live'")
             until(lambda: station.broadcast.viewers)  # who comes late begins at a later key frame
             for number in range(90):  # at its pace, but never so far ahead that the page jumps
                 station.feed(1)
                 page.wait_for_timeout(1000 / 15)
-                _until(page, f"window.depthsrWatch.numbers().shownFrame >= {number - 15}")
+                until_page(page, f"window.depthsrWatch.numbers().shownFrame >= {number - 15}")
             station.broadcast.close()
-            _until(page, "window.depthsrWatch.videos.result.ended")
-            _until(  # a fragment waits for the next
+            until_page(page, "window.depthsrWatch.videos.result.ended")
+            until_page(  # a fragment waits for the next
                 page, "window.depthsrWatch.numbers().shownFrame === 91"
             )
             total = page.evaluate(
                 "window.depthsrWatch.videos.result.getVideoPlaybackQuality().totalVideoFrames"
             )
             assert total >= 90
-            assert _pixels(page).std() > 10
+            assert canvas_pixels(page).std() > 10
             assert page.locator("#name").inner_text() == "room"
 
 
@@ -287,9 +247,9 @@ def test_a_job_plays_while_it_runs(chromium, make_service, tiny_scene, job):
     with httpx.Client(base_url=service.url, timeout=PATIENCE) as api:
         running = api.post("/api/v1/jobs", json=body).json()["id"]
         with opened(chromium, f"{service.url}/watch/jobs/{running}") as page:
-            _until(page, "window.depthsrWatch.numbers().drawn > 0")
-            _until(page, "window.depthsrWatch.videos.result.ended")
-            _until(page, f"window.depthsrWatch.numbers().shownFrame === {FRAMES - 1}")
+            until_page(page, "window.depthsrWatch.numbers().drawn > 0")
+            until_page(page, "window.depthsrWatch.videos.result.ended")
+            until_page(page, f"window.depthsrWatch.numbers().shownFrame === {FRAMES - 1}")
         events = api.get(f"/api/v1/jobs/{running}/events").json()["events"]
     assert events[-1]["kind"] == "succeeded"
 
@@ -332,7 +292,7 @@ def test_a_folder_chosen_becomes_a_job_with_downloads(chromium, live_service, ti
     with opened(chromium, live_service.url) as page:
         page.locator("#folder").set_input_files(str(folder))
         page.wait_for_url("**/jobs/*")
-        _until(page, "document.getElementById('state').textContent === 'succeeded'")
+        until_page(page, "document.getElementById('state').textContent === 'succeeded'")
         page.wait_for_selector("#files a")
         names = page.locator("#files a").all_inner_texts()
         assert "report.json" in names
@@ -393,7 +353,7 @@ def test_the_time_left_is_told_by_the_pace_of_the_last_frames(chromium, live_ser
         assert left([(60, 1)]) is None  # the first frame may have been compiled for
         assert left([(60, 1), (61, 2), (64, 4)]) == pytest.approx(20 * 4 / 3)
         assert left([(60, 23), (62, 24)]) == 0
-        _until(
+        until_page(
             page, f"document.getElementById('count').textContent === '{FRAMES} of {FRAMES} frames'"
         )
 
@@ -404,7 +364,7 @@ def test_a_job_that_waits_for_kernels_says_so(chromium, make_service, tiny_scene
     with httpx.Client(base_url=service.url, timeout=PATIENCE) as api:
         made = api.post("/api/v1/jobs", json={"scene": "tiny"}).json()["id"]
     with opened(chromium, f"{service.url}/jobs/{made}") as page:
-        _until(page, "document.getElementById('count').textContent.endsWith(', compiling')")
+        until_page(page, "document.getElementById('count').textContent.endsWith(', compiling')")
         assert "compiling, this once" in page.locator("#log").inner_text()
 
 
@@ -425,7 +385,7 @@ def test_the_page_of_a_failed_job_says_why(chromium, live_service):
         follow(api, made)
         why = api.get(f"/api/v1/jobs/{made}").json()["problem"]["detail"]
     with opened(chromium, f"{live_service.url}/jobs/{made}") as page:
-        _until(page, "document.querySelectorAll('#log tr').length >= 3")  # each is a look
+        until_page(page, "document.querySelectorAll('#log tr').length >= 3")  # each is a look
         page.wait_for_timeout(1000)
         assert why in page.locator("#problem").inner_text()
         assert page.locator("#log td.when").first.inner_text()
@@ -484,7 +444,7 @@ def test_who_has_no_token_is_led_to_the_door_and_back(chromium, make_service, tm
 
 def test_the_page_of_a_job_says_what_was_asked_for(chromium, live_service, job):
     with opened(chromium, f"{live_service.url}/jobs/{job}") as page:
-        _until(page, "document.querySelectorAll('#facts dd').length > 5")
+        until_page(page, "document.querySelectorAll('#facts dd').length > 5")
         said = page.locator("#facts").inner_text()
         assert "tab mp4" in said
         assert "object" not in said
@@ -508,7 +468,7 @@ def test_pages_are_for_everybody(chromium, live_service, job, where):
     url = live_service.url + where.format(job=job)
     rules = {"runOnly": {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21aa", "wcag22aa"]}}
     with opened(chromium, url, width=360) as page:
-        _until(page, f"!!({PAGES[where]})")
+        until_page(page, f"!!({PAGES[where]})")
         for scheme in ("dark", "light"):
             page.emulate_media(color_scheme=scheme)
             found = Axe().run(page, options=rules).response["violations"]

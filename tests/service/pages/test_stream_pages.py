@@ -13,9 +13,9 @@ from pipeline.media.live_encode import LiveEncoder
 from pipeline.stereo import StereoLayout
 from service.config import ServiceConfig
 from service.streams.states import Action
-from tests.service.http.test_watch import FPS, OnAir
-from tests.service.pages.test_pages import _pixels, _until, opened
+from tests.support.on_air import FPS, OnAir
 from tests.support.waiting import PATIENCE
+from tests.support.watch_page import canvas_pixels, opened, until_page
 
 
 class Camera:
@@ -108,12 +108,12 @@ HALVES = """async () => {
 
 def test_what_a_live_stream_is_compared_with_is_of_the_same_frame(chromium, station):
     with Camera(station), opened(chromium, f"http://{station.address}/watch/streams/cam") as page:
-        _until(page, "window.depthsrWatch.numbers().way === 'live'")
-        _until(page, "window.depthsrWatch.numbers().drawn > 0")
+        until_page(page, "window.depthsrWatch.numbers().way === 'live'")
+        until_page(page, "window.depthsrWatch.numbers().drawn > 0")
         page.locator("text=Before and after").click()
-        _until(page, "window.depthsrWatch.view.hasBefore")
+        until_page(page, "window.depthsrWatch.view.hasBefore")
         seen = page.evaluate(HALVES)
-        _until(page, "window.depthsrWatch.view.hasBefore")
+        until_page(page, "window.depthsrWatch.view.hasBefore")
     pairs = [(before, result) for both, before, result, _ in seen if both]
     alone = [(left, right) for both, left, right, _ in seen if not both]
     assert len({result for _, result in pairs}) > 5
@@ -126,35 +126,35 @@ def test_a_worker_that_is_started_anew_is_watched_on(chromium, station):
     with Camera(station) as camera, opened(
         chromium, f"http://{station.address}/watch/streams/cam"
     ) as page:  # fmt: skip
-        _until(page, "window.depthsrWatch.numbers().drawn > 10")
+        until_page(page, "window.depthsrWatch.numbers().drawn > 10")
         camera.pause()
         camera.begin_anew(100)
         camera.go_on()
         deadline = time.monotonic() + PATIENCE
-        while int(_pixels(page)[16, 16, 1]) <= 125:
+        while int(canvas_pixels(page)[16, 16, 1]) <= 125:
             assert time.monotonic() < deadline, "the new worker is not seen"
             page.wait_for_timeout(20)
         drawn = page.evaluate("window.depthsrWatch.numbers().drawn")
-        _until(page, f"window.depthsrWatch.numbers().drawn > {drawn + 10}")
-        assert int(_pixels(page)[16, 16, 1]) > 125
+        until_page(page, f"window.depthsrWatch.numbers().drawn > {drawn + 10}")
+        assert int(canvas_pixels(page)[16, 16, 1]) > 125
 
 
 def test_a_stream_that_is_stopped_and_made_again_is_watched_again(chromium, station):
     with opened(chromium, f"http://{station.address}/watch/streams/cam") as page:
         with Camera(station) as camera:
-            _until(page, "window.depthsrWatch.numbers().drawn > 3")
+            until_page(page, "window.depthsrWatch.numbers().drawn > 3")
             camera.pause()
             camera.end()
-        _until(page, "document.getElementById('state').textContent !== 'live'")
+        until_page(page, "document.getElementById('state').textContent !== 'live'")
         drawn = page.evaluate("window.depthsrWatch.numbers().drawn")
         with Camera(station):
-            _until(page, f"window.depthsrWatch.numbers().drawn > {drawn + 3}")
+            until_page(page, f"window.depthsrWatch.numbers().drawn > {drawn + 3}")
 
 
 def test_the_number_said_is_that_of_the_picture_drawn(chromium, station):
     """Whoever asks for a picture while others come may get an earlier one than the clock says."""
     with Camera(station), opened(chromium, f"http://{station.address}/watch/streams/cam") as page:
-        _until(page, "window.depthsrWatch.numbers().drawn > 0")
+        until_page(page, "window.depthsrWatch.numbers().drawn > 0")
         seen = page.evaluate(
             """async () => {
               const { view, videos, numbers } = window.depthsrWatch, { gl } = view;
@@ -182,16 +182,16 @@ def test_a_stream_that_is_silent_says_since_when(chromium, station):
         url = f"http://{station.address}/"
         with opened(chromium, url, errors=("404",)) as page:  # nobody makes stills here
             said = "document.querySelector('#streams [data-name=cam] .soft')?.textContent ?? ''"
-            _until(page, f"({said}).endsWith(' frames')")
+            until_page(page, f"({said}).endsWith(' frames')")
             camera.pause()
             stream.act(Action.SILENCE)
-            _until(page, f"({said}).includes(', silent since ')")
+            until_page(page, f"({said}).includes(', silent since ')")
             status = page.evaluate("fetch('/api/v1/status').then((answer) => answer.json())")
             (seen,) = (item for item in status["streams"] if item["name"] == "cam")
             came = station.app.state.broadcasts.get("streams/cam").newest_at
             assert datetime.fromisoformat(seen["silent_since"]).timestamp() == pytest.approx(came)
             stream.act(Action.HEAR)
-            _until(page, f"({said}).endsWith(' frames')")
+            until_page(page, f"({said}).endsWith(' frames')")
 
 
 def test_who_stands_on_a_stream_of_the_dashboard_is_left_there(chromium, station):
@@ -208,5 +208,5 @@ def test_who_stands_on_a_stream_of_the_dashboard_is_left_there(chromium, station
         said = page.locator("#streams [data-name=cam] .soft").inner_text()
         assert said.startswith("0 viewers, ")
         numbers = "document.querySelector('#streams [data-name=cam] .soft').textContent"
-        _until(page, f"{numbers} !== '{said}'")
+        until_page(page, f"{numbers} !== '{said}'")
         assert page.evaluate("document.activeElement.textContent") == "cam"
