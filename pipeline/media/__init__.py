@@ -1,7 +1,7 @@
 """Scenes and videos in, videos and pictures out.
 
-* what lies on disk: :mod:`scene`, read from a :mod:`manifest` or recognised (:mod:`layouts`,
-  :mod:`eye_files`); :mod:`info` and :mod:`probe` say what was understood of it;
+* what lies on disk: :mod:`scene`, recognised by :mod:`layouts`: a :mod:`manifest`, :mod:`datasets`,
+  :mod:`stereo_video`, :mod:`eye_files`; :mod:`info` and :mod:`probe` say what was understood of it;
 * its frames: :mod:`source`, :mod:`scene_source`, with :mod:`readers` over :mod:`decode`,
   :mod:`images` and :mod:`yuv`; nearness by :mod:`depth_maps`, missing depth by
   :mod:`depth_estimation`, :mod:`stereo_matching` and :mod:`rectification`;
