@@ -26,9 +26,10 @@ from pipeline.events import (
 from pipeline.job import OutputOptions, Segment, cut_segments
 from pipeline.media.colorimetry import Colorimetry
 from pipeline.media.decode import VideoReader
-from pipeline.media.encode import Eyes, join_segments, takes_sound, write_segment
+from pipeline.media.encode import Eyes, write_segment
 from pipeline.media.files import check_folder_writable, check_writable, remove_leftovers
 from pipeline.media.info import Sound
+from pipeline.media.join import join_segments, takes_sound
 from pipeline.media.png import png_path, write_png
 from pipeline.media.sound import sound_codec
 from pipeline.media.video_format import VideoCodec, VideoFormat, lost_of_hdr

@@ -11,10 +11,10 @@ from pipeline.config import Settings
 from pipeline.errors import ConfigurationError, OutputError
 from pipeline.grid import Grid
 from pipeline.job import InputOptions, Job, OutputOptions
-from pipeline.media.encode import takes_sound
 from pipeline.media.eye_files import LAYOUT as EYE_FILES
 from pipeline.media.files import check_folder_writable, check_writable
 from pipeline.media.info import SceneInfo, Sound
+from pipeline.media.join import takes_sound
 from pipeline.media.png import png_path
 from pipeline.media.sound import sound_codec
 from pipeline.media.source import FrameSource

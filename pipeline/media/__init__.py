@@ -5,7 +5,7 @@
 * its frames: :mod:`source`, :mod:`scene_source`, with :mod:`readers` over :mod:`decode`,
   :mod:`images` and :mod:`yuv`; nearness by :mod:`depth_maps`, missing depth by
   :mod:`depth_estimation`, :mod:`stereo_matching` and :mod:`rectification`;
-* what is written: :mod:`media_sink` with :mod:`encode`, :mod:`png`, :mod:`sound`,
+* what is written: :mod:`media_sink` with :mod:`encode`, :mod:`join`, :mod:`png`, :mod:`sound`,
   :mod:`matroska`, :mod:`isobmff`, :mod:`timecode`, :mod:`files`; kinds of video are
   :mod:`video_format`; :mod:`lossless` clips for browsers;
 * colours: :mod:`colorimetry`, :mod:`ycbcr`, and :mod:`coded` without RGB between;

@@ -10,8 +10,9 @@ from typing import Any
 from pipeline.colour import to_grey, to_rgb
 from pipeline.fan_out import fan_out
 from pipeline.job import Segment
-from pipeline.media.encode import Eyes, check_size, join_segments, takes_sound, write_segment
+from pipeline.media.encode import Eyes, check_size, write_segment
 from pipeline.media.files import check_writable, remove_leftovers
+from pipeline.media.join import join_segments, takes_sound
 from pipeline.media.png import png_path, write_png
 from pipeline.media.video_format import VideoCodec, VideoFormat, video_paths
 from pipeline.media.ycbcr import Yuv420, matrix_for

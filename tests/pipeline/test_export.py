@@ -14,7 +14,8 @@ from pipeline.errors import Interrupted, OutputError
 from pipeline.export import Master, export
 from pipeline.job import OutputOptions
 from pipeline.media.decode import VideoReader
-from pipeline.media.encode import join_segments, write_segment
+from pipeline.media.encode import write_segment
+from pipeline.media.join import join_segments
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat, suggested_name
 from pipeline.stereo import StereoLayout, pack
 from pipeline.stop import StopFlag

@@ -28,8 +28,9 @@ from pipeline.media.colorimetry import (
     MasteringDisplay,
 )
 from pipeline.media.decode import VideoReader, matrix_of
-from pipeline.media.encode import join_segments, write_segment
+from pipeline.media.encode import write_segment
 from pipeline.media.images import read_header
+from pipeline.media.join import join_segments
 from pipeline.media.live_encode import LiveEncoder
 from pipeline.media.lossless import open_lossless
 from pipeline.media.png import encode_png, write_png

@@ -20,7 +20,8 @@ import pytest
 
 from pipeline.errors import ConfigurationError, Interrupted, OutputError
 from pipeline.media.decode import VideoReader
-from pipeline.media.encode import check_size, join_segments, segment_info, write_segment
+from pipeline.media.encode import check_size, write_segment
+from pipeline.media.join import join_segments
 from pipeline.media.video_format import (
     Container,
     VideoCodec,
@@ -581,15 +582,6 @@ def test_joining_twice_gives_the_same_bytes(tmp_path, container):
     assert digest(out) == before
 
 
-def test_a_segment_says_what_it_holds(tmp_path):
-    path = tmp_path / "s.mkv"
-    write_segment(path, video_format(), moving_eyes(range(5)), first_frame=64)
-
-    info = segment_info(path)
-
-    assert (info.first_frame, info.num_frames) == (64, 5)
-
-
 def test_segments_in_the_wrong_order_are_refused(tmp_path):
     out, paths = write_and_join(tmp_path, "v", video_format(), [list(moving_eyes(range(3)))] * 3)
     out.unlink()
@@ -623,9 +615,8 @@ def test_damaged_segments_are_named(tmp_path, damage):
     elif damage != "missing":
         path.write_bytes(b"" if damage == "empty" else bytes(range(256)) * 40)
 
-    for use in (segment_info, lambda p: join_segments([p], tmp_path / "o.mkv", video_format())):
-        with pytest.raises(OutputError, match=r"s\.mkv: this segment is missing or damaged"):
-            use(path)
+    with pytest.raises(OutputError, match=r"s\.mkv: this segment is missing or damaged"):
+        join_segments([path], tmp_path / "o.mkv", video_format())
     assert not (tmp_path / "o.mkv").exists()
 
 
@@ -673,7 +664,8 @@ import os, sys, time
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from test_encode import moving_eyes, video_format
-from pipeline.media.encode import join_segments, write_segment
+from pipeline.media.encode import write_segment
+from pipeline.media.join import join_segments
 folder = Path(sys.argv[2])
 video = video_format()
 

@@ -18,8 +18,9 @@ from pipeline.export import Master, export
 from pipeline.fingerprint import scene_files as files_of_job
 from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
 from pipeline.media.decode import VideoReader
-from pipeline.media.encode import join_segments, write_segment
+from pipeline.media.encode import write_segment
 from pipeline.media.eye_files import eyes_beside, eyes_in
+from pipeline.media.join import join_segments
 from pipeline.media.layouts import describe_path
 from pipeline.media.png import write_png
 from pipeline.media.source import open_scene

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.errors import OutputError, SceneError
-from pipeline.media.encode import join_segments, write_segment
+from pipeline.media.encode import write_segment
+from pipeline.media.join import join_segments
 from pipeline.media.lossless import open_lossless, to_8_bits, write_lossless_webm
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
 from pipeline.stereo import StereoLayout, pack

@@ -15,8 +15,9 @@ from pipeline.errors import OutputError
 from pipeline.events import Warned
 from pipeline.export import Master, export
 from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
-from pipeline.media.encode import join_segments, takes_sound, write_segment
+from pipeline.media.encode import write_segment
 from pipeline.media.info import Sound
+from pipeline.media.join import join_segments, takes_sound
 from pipeline.media.probe import describe, format_description
 from pipeline.media.source import open_scene
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat

@@ -12,7 +12,8 @@ import httpx
 import numpy as np
 
 from pipeline.media.decode import VideoReader
-from pipeline.media.encode import join_segments, write_segment
+from pipeline.media.encode import write_segment
+from pipeline.media.join import join_segments
 from pipeline.media.video_format import VideoFormat
 from pipeline.stereo import StereoLayout
 from service.cli import main

@@ -11,7 +11,8 @@ import httpx
 import numpy as np
 import pytest
 
-from pipeline.media.encode import join_segments, write_segment
+from pipeline.media.encode import write_segment
+from pipeline.media.join import join_segments
 from pipeline.media.video_format import Container, VideoCodec, VideoFormat
 from pipeline.stereo import StereoLayout
 from service.client import Client
