@@ -3,7 +3,7 @@
 What a fit needs of the pixels that a patch owns is 35 sums. The window of a patch is its own
 cell and, less weighted, the cells next to it whose patches move alike, so that every pixel is
 sampled once an iteration however much the windows overlap; patches that have come to rest are
-not sampled again. See :mod:`window_kernels`.
+neither sampled nor moved again. See :mod:`window_kernels`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import numpy.typing as npt
 from pipeline.registration import window_kernels
 from pipeline.registration.kernels import TOO_FEW
 from pipeline.registration.motions import (
-    TOLERANCE,
     FitPrior,
     FittedMotions,
     Motions,
@@ -34,6 +33,9 @@ window of 24 pixels covers."""
 
 FARTHEST = 0.1
 """Difference of two patches' motions from which they are of different surfaces, LR pixels."""
+
+AT_REST = 0.05
+"""A patch has come to rest where no point of its window moves more, pixels of the level."""
 
 NUM_SUMS = 35
 
@@ -159,10 +161,10 @@ def fit_windows(
                 sums, first, *patches.grid, patches.windows, motion, start, precision,
                 prior.linear, prior.offset_mean, prior.offset_sigma**-2,
                 max(int(0.5 * min_support / pitch**2), 1), BESIDE, ACROSS, FARTHEST * finer,
-                chosen, moved, status, reliable, stepped,
+                due, moved, status, reliable, stepped,
             )  # fmt: skip
             motion, stepped = stepped, motion
-            due = moved > TOLERANCE * finer
+            due = moved > AT_REST * finer
             if not due.any():
                 break
     if samples.residual.size:
