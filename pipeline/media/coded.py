@@ -6,6 +6,8 @@ Colours outside RGB, which RGB would clip, are left to the player's own clipping
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numba import njit
 
@@ -16,48 +18,67 @@ from pipeline.stereo import pad_to_multiple
 
 
 def coded(luma: GreyImage, chroma: ChromaImage, matrix: YcbcrMatrix) -> Yuv420:
-    """Return 8-bit planes of a picture as the pipeline holds it.
+    """Return 8-bit planes of a picture as the pipeline holds it; see :func:`coded_together`."""
+    return coded_together([(luma, chroma)], matrix)
+
+
+def coded_together(
+    pictures: Sequence[tuple[GreyImage, ChromaImage]],
+    matrix: YcbcrMatrix,
+    *,
+    side_by_side: bool = True,
+) -> Yuv420:
+    """Return 8-bit planes of pictures as the pipeline holds them, packed into one.
 
     Parameters
     ----------
-    luma : ndarray of shape (H, W), float32
-        BT.601 luma, grey levels 0..255.
-    chroma : ndarray of shape (H, W, 2) or (H/2, W/2, 2), float32
-        Cb and Cr around 128; the smaller one where 4:2:0 video has it (H and W are even then).
+    pictures : sequence of (luma, chroma)
+        Alike, left to right, or from top to bottom.
+
+        - luma : ndarray of shape (H, W), float32; BT.601, grey levels 0..255.
+        - chroma : ndarray of shape (H, W, 2) or (H/2, W/2, 2), float32; Cb and Cr around 128; the
+          smaller one where 4:2:0 video has it (H and W are even then).
     matrix : YcbcrMatrix
         Of the result.
+    side_by_side : bool
+        Whether the first picture stands left of the others, and not above them.
 
     Returns
     -------
     Yuv420
-        With an odd last row or column repeated. It differs from
+        With an odd last row or column of each picture repeated. It differs from
         :func:`pipeline.media.ycbcr.to_yuv420` of the picture in RGB by the roundings of that.
     """
+    luma, chroma = pictures[0]
     is_whole = luma.shape == chroma.shape[:2]
-    luma = pad_to_multiple(luma, 2, 2)
-    if is_whole:
-        chroma = pad_to_multiple(chroma, 2, 2)
-    height, width = luma.shape
-    change = ycbcr_of_rgb(matrix) @ YCC_TO_RGB / 255
-    offset = [16, 128, 128] - change[:, 1:].sum(axis=1) * CHROMA_CENTRE
+    height, width = (side + side % 2 for side in luma.shape)
+    down, across = (1, len(pictures)) if side_by_side else (len(pictures), 1)
     planes = Yuv420(
-        luma=np.empty((height, width), np.uint8),
-        blue_difference=np.empty((height // 2, width // 2), np.uint8),
-        red_difference=np.empty((height // 2, width // 2), np.uint8),
+        luma=np.empty((down * height, across * width), np.uint8),
+        blue_difference=np.empty((down * height // 2, across * width // 2), np.uint8),
+        red_difference=np.empty((down * height // 2, across * width // 2), np.uint8),
         matrix=matrix,
     )
-    mix = np.array([*change[0], offset[0]], np.float32)
-    _write_luma(luma, chroma, 0 if is_whole else 1, mix, planes.luma)
+    change = ycbcr_of_rgb(matrix) @ YCC_TO_RGB / 255
+    offset = [16, 128, 128] - change[:, 1:].sum(axis=1) * CHROMA_CENTRE
+    of_luma = np.array([*change[0], offset[0]], np.float32)
     # of luma nothing is left in them, so that they may be halved first
-    mix = np.hstack([change[1:, 1:], offset[1:, np.newaxis]]).astype(np.float32)
-    _write_chroma(
-        _halved(chroma) if is_whole else chroma, mix, planes.blue_difference, planes.red_difference
-    )
+    of_chroma = np.hstack([change[1:, 1:], offset[1:, np.newaxis]]).astype(np.float32)
+    for place, (luma, chroma) in enumerate(pictures):
+        luma = pad_to_multiple(luma, 2, 2)
+        if is_whole:
+            chroma = pad_to_multiple(chroma, 2, 2)
+        top, left = (0, place * width) if side_by_side else (place * height, 0)
+        _write_luma(luma, chroma, 0 if is_whole else 1, of_luma, planes.luma, top, left)
+        _write_chroma(
+            _halved(chroma) if is_whole else chroma, of_chroma,
+            planes.blue_difference, planes.red_difference, top // 2, left // 2,
+        )  # fmt: skip
     return planes
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _write_luma(luma, chroma, halvings, change, out):
+def _write_luma(luma, chroma, halvings, change, out, top, left):
     least, half, most = np.float32(0), np.float32(0.5), np.float32(255)
     of_luma, of_blue, of_red, offset = change
     of_chroma = np.empty(luma.shape[1], np.float32)
@@ -66,9 +87,10 @@ def _write_luma(luma, chroma, halvings, change, out):
             for column in range(luma.shape[1]):
                 blue, red = chroma[row >> halvings, column >> halvings]
                 of_chroma[column] = of_blue * blue + of_red * red + offset
+        line = out[top + row][left : left + luma.shape[1]]
         for column in range(luma.shape[1]):
             level = of_luma * luma[row, column] + of_chroma[column]
-            out[row, column] = np.uint8(np.int32(min(max(level, least), most) + half))
+            line[column] = np.uint8(np.int32(min(max(level, least), most) + half))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -90,12 +112,14 @@ def _halved(chroma):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _write_chroma(chroma, mix, blue_difference, red_difference):
+def _write_chroma(chroma, mix, blue_difference, red_difference, top, left):
     least, half, most = np.float32(0), np.float32(0.5), np.float32(255)
-    for row in range(blue_difference.shape[0]):
-        for column in range(blue_difference.shape[1]):
+    for row in range(chroma.shape[0]):
+        blue_line = blue_difference[top + row][left : left + chroma.shape[1]]
+        red_line = red_difference[top + row][left : left + chroma.shape[1]]
+        for column in range(chroma.shape[1]):
             blue, red = chroma[row, column]
             level = mix[0, 0] * blue + mix[0, 1] * red + mix[0, 2]
-            blue_difference[row, column] = np.uint8(min(max(level, least), most) + half)
+            blue_line[column] = np.uint8(min(max(level, least), most) + half)
             level = mix[1, 0] * blue + mix[1, 1] * red + mix[1, 2]
-            red_difference[row, column] = np.uint8(min(max(level, least), most) + half)
+            red_line[column] = np.uint8(min(max(level, least), most) + half)

@@ -45,8 +45,8 @@ Eyes = tuple[Picture, Picture] | tuple[Picture]
 """(left, right), or the one picture of layouts ``left``, ``right`` and ``views``;
 (H, W, 3) RGB or (H, W) grey, uint8 or uint16, full range."""
 
-CodedEyes = tuple[Yuv420, ...]
-"""The same as they are coded, for layouts that leave the pixels of an eye as they are."""
+CodedEyes = tuple[Yuv420]
+"""The same as they are coded, packed as the layout says."""
 
 KEYFRAME_INTERVAL = 32
 """Frames from one keyframe to the next at most, for seeking; segments start with one anyway."""
@@ -201,6 +201,8 @@ class _Pixels:
     coded_bits: int
     matrix: YcbcrMatrix | None
     """None where samples go in as they are."""
+    _frame: av.VideoFrame | None = None
+    """The last one of planes: the next picture takes its memory over."""
 
     def frame(self, picture: Picture | Yuv420) -> av.VideoFrame:
         """Return the picture as a frame of the encoder's pixel format."""
@@ -217,9 +219,16 @@ class _Pixels:
         return av.VideoFrame.from_ndarray(picture, format=self.name)
 
     def _planar(self, planes: Sequence[npt.NDArray]) -> av.VideoFrame:
-        height, width = planes[0].shape
-        stacked = np.concatenate([plane.ravel() for plane in planes])
-        return av.VideoFrame.from_ndarray(stacked.reshape(height * 3 // 2, width), format=self.name)
+        if self._frame is None:
+            height, width = planes[0].shape
+            self._frame = av.VideoFrame(width, height, self.name)
+        self._frame.make_writable()  # new memory only where the encoder still holds the old
+        for plane, samples in zip(self._frame.planes, planes, strict=True):
+            rows, columns = samples.shape
+            stored = np.frombuffer(memoryview(plane), samples.dtype)
+            step = plane.line_size // samples.itemsize
+            stored[: rows * step].reshape(rows, step)[:, :columns] = samples
+        return self._frame
 
 
 class _SegmentEncoder:
@@ -248,7 +257,8 @@ class _SegmentEncoder:
         picture = _picture(eyes, self._format)
         like = (picture.shape, picture.dtype)
         if self._like is None:
-            check_size(self._path, self._format, eyes[0].shape[:2], len(eyes))
+            if not isinstance(picture, Yuv420):
+                check_size(self._path, self._format, eyes[0].shape[:2], len(eyes))
             self._like = like
             with self._errors():
                 self._open(picture)
@@ -358,25 +368,12 @@ def _picture(eyes: Eyes | CodedEyes, video_format: VideoFormat) -> Picture | Yuv
     multiple = 1 if video_format.lossless else 2
     layout = video_format.layout
     if isinstance(eyes[0], Yuv420):
-        return _packed(eyes, layout)
+        return eyes[0]
     if len(eyes) == 2:
         return np.ascontiguousarray(pack(*eyes, layout, multiple=multiple))
     if layout.packed or layout is StereoLayout.ANAGLYPH:
         raise OutputError(f"layout {layout.value!r} takes two eyes, there is only one")
     return np.ascontiguousarray(pad_to_multiple(eyes[0], multiple, multiple))
-
-
-def _packed(eyes: Sequence[Any], layout: StereoLayout) -> Yuv420:
-    """Return what one or two eyes are coded from as one picture."""
-    if len(eyes) == 1:
-        return eyes[0]
-    luma, blue_difference, red_difference = (
-        pack(left, right, layout) for left, right in zip(*(eye.planes for eye in eyes), strict=True)
-    )
-    return Yuv420(
-        luma=luma, blue_difference=blue_difference, red_difference=red_difference,
-        matrix=eyes[0].matrix,
-    )  # fmt: skip
 
 
 def _pixels_for(picture: Picture | Yuv420, video_format: VideoFormat) -> _Pixels:

@@ -5,24 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from pipeline.colour import to_grey, to_rgb
 from pipeline.fan_out import fan_out
+from pipeline.frames import ChromaImage
 from pipeline.job import Segment
-from pipeline.media.encode import Eyes, check_size, write_segment
+from pipeline.media.encode import CodedEyes, Eyes, check_size, write_segment
 from pipeline.media.files import check_writable, remove_leftovers
 from pipeline.media.join import join_segments, takes_sound
 from pipeline.media.png import png_path, write_png
 from pipeline.media.video_format import VideoCodec, VideoFormat, video_paths
-from pipeline.media.ycbcr import Yuv420, matrix_for
+from pipeline.media.ycbcr import matrix_for
 from pipeline.results import FrameResult, SuperResolvedImage
 from pipeline.sink import OutputPlan
 from pipeline.stereo import Picture, StereoLayout
 
-Pictures = dict[str, Any]
-"""The pictures of one frame by view id: a :class:`Picture`, or a :class:`Yuv420`, each."""
+Pictures = dict[str, Picture]
+"""The pictures of one frame by view id."""
 
+FileEyes = Mapping[str, Eyes | CodedEyes]
+"""The eyes of one frame by the id of the file that they go into."""
 
 UNCHANGED = (StereoLayout.SBS, StereoLayout.TAB, StereoLayout.LEFT, StereoLayout.RIGHT)
 """Layouts that take the pixels of an eye as they are."""
@@ -82,6 +84,10 @@ class MediaSink:
     ) -> dict[str, float]:
         """Write the frames of a segment; return the seconds by stage."""
         timings = {"pack": 0.0, "png": 0.0, "encode": 0.0}
+        if self._is_coded:
+            coded = ({"": eyes} for eyes in self._coded(results, timings))
+            self._write_files(segment, stem, coded, timings)
+            return timings
         pictures = self._pictures(results, timings)
         if self._format is None:
             for _ in pictures:
@@ -171,6 +177,7 @@ class MediaSink:
         plan = self.plan
         return (
             plan.is_realtime
+            and plan.is_color
             and plan.bit_depth == 8
             and plan.options.frames_dir is None
             and self._format is not None
@@ -179,19 +186,38 @@ class MediaSink:
             and self._layout in UNCHANGED
         )
 
-    def _picture(self, image: SuperResolvedImage) -> Picture | Yuv420:
-        if self._is_coded and image.colour is not None:
-            from pipeline.media.coded import coded  # numba, which a service need not load
+    def _coded(
+        self, results: Iterable[FrameResult], timings: dict[str, float]
+    ) -> Iterator[CodedEyes]:
+        """Yield the frames as planes of the video, both eyes in one, and keep the time."""
+        from pipeline.media.coded import coded_together  # numba, which a service need not load
 
-            height = image.luma.shape[0]
-            height += height % 2  # as it is coded
-            eyes = 2 if self._layout is StereoLayout.TAB else 1
-            halved = image.colour.halved()
-            chroma = image.chroma if halved is None else halved
-            assert chroma is not None  # it is in colour
-            return coded(
-                image.luma, chroma, matrix_for(eyes * height, self.plan.colorimetry.primaries)
-            )
+        targets = self.plan.targets
+        eyes = targets if len(targets) == 1 else (self.plan.left, self.plan.right)
+        is_on_top = self._layout is StereoLayout.TAB
+        shown: Mapping[str, SuperResolvedImage] = {}
+        planes = None
+        for result in results:
+            begin = self._clock()
+            # an image that is shown again is the same object
+            if planes is None or any(
+                shown.get(view_id) is not result.images[view_id] for view_id in eyes
+            ):
+                images = [result.images[view_id] for view_id in eyes]
+                height = images[0].luma.shape[0]
+                height += height % 2  # as it is coded
+                matrix = matrix_for(
+                    (2 if is_on_top else 1) * height, self.plan.colorimetry.primaries
+                )
+                planes = coded_together(
+                    [(image.luma, _chroma_of(image)) for image in images], matrix,
+                    side_by_side=not is_on_top,
+                )  # fmt: skip
+            shown = result.images
+            timings["pack"] += self._clock() - begin
+            yield (planes,)
+
+    def _picture(self, image: SuperResolvedImage) -> Picture:
         if image.chroma is None:
             return to_grey(image.luma, self.plan.bit_depth)
         return to_rgb(image.luma, image.chroma, self.plan.bit_depth)
@@ -205,7 +231,7 @@ class MediaSink:
         self,
         segment: Segment,
         stem: Path,
-        frames: Iterable[Mapping[str, Eyes]],
+        frames: Iterable[FileEyes],
         timings: dict[str, float],
     ) -> None:
         """Encode while the caller's thread packs: every file has a thread, and waits for no other.
@@ -219,11 +245,11 @@ class MediaSink:
         video_format = self._format
         seconds: list[float] = []
 
-        def writer(name: str, path: Path) -> Callable[[Iterator[Mapping[str, Eyes]]], None]:
-            def write(items: Iterator[Mapping[str, Eyes]]) -> None:
+        def writer(name: str, path: Path) -> Callable[[Iterator[FileEyes]], None]:
+            def write(items: Iterator[FileEyes]) -> None:
                 waited = 0.0
 
-                def eyes() -> Iterator[Eyes]:
+                def eyes() -> Iterator[Eyes | CodedEyes]:
                     nonlocal waited
                     while True:
                         begin = self._clock()
@@ -246,6 +272,16 @@ class MediaSink:
             fan_out(frames, {name: writer(name, path) for name, path in files.items()})
         finally:
             timings["encode"] += sum(seconds)
+
+
+def _chroma_of(image: SuperResolvedImage) -> ChromaImage:
+    """Return the chroma of an image in colour, halved where it can be made so."""
+    assert image.colour is not None
+    halved = image.colour.halved()
+    if halved is not None:
+        return halved
+    assert image.chroma is not None
+    return image.chroma
 
 
 def _with_suffix(stem: Path) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from pipeline.colour import interleaved
@@ -37,7 +38,15 @@ class EnlargedColour:
         0..255 are not clipped, and beyond a border lies what the view repeats there.
         """
         taps = halved_bicubic_filter(self.grid)
-        return None if taps is None else self._filtered(taps, self.grid.halved)
+        if taps is None:
+            return None
+        if len(taps.along_x) == len(taps.along_y) == 1:  # no larger than the view
+            made = cv2.sepFilter2D(
+                self.chroma, cv2.CV_32F, taps.along_x[0], taps.along_y[0],
+                borderType=cv2.BORDER_REPLICATE,
+            )  # fmt: skip
+            return np.asarray(made, np.float32).reshape(self.chroma.shape)
+        return self._filtered(taps, self.grid.halved)
 
     def _filtered(self, taps: Restoration, grid: Grid) -> ChromaImage:
         planes = (np.ascontiguousarray(self.chroma[..., plane]) for plane in range(2))

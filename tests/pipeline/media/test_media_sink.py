@@ -98,3 +98,21 @@ def test_what_is_coded_without_rgb_between_is_tagged_the_same_and_nearer_to_what
         )
         assert of_luma[0] > max(of_luma[1], 48)
         assert of_chroma[0] > max(of_chroma[1] - 0.1, 45)
+
+
+def test_a_picture_shown_again_stays_what_it_was_beside_those_after_it(tmp_path):
+    """Frames take one another's memory over, in the sink as in the encoder."""
+    shape = (48, 64)
+    plan = _plan(tmp_path / "o.mkv", shape, quality=1)
+    results = _results(shape)
+    shown = [results[0], replace(results[0], frame_index=1), results[2], results[3]]
+    sink = MediaSink(plan)
+    segment, stem = Segment(index=0, start=0, stop=FRAMES), tmp_path / "segment"
+    sink.write_segment(segment, stem, shown)
+    sink.join([stem])
+    reader = VideoReader(tmp_path / "o.mkv")
+    pictures = [reader.picture(number) for number in range(FRAMES)]
+    reader.close()
+    for result, picture in zip(shown, pictures, strict=True):
+        made = np.hstack([result.images[name].luma for name in "ab"])
+        assert cv2.PSNR(picture.luma, made, 255.0) > 45
