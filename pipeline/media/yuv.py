@@ -7,6 +7,7 @@ with one matrix and without rounding in between.
 
 from __future__ import annotations
 
+import functools
 import re
 from dataclasses import dataclass
 from enum import StrEnum
@@ -126,46 +127,65 @@ def picture_from_planes(
         New arrays: luma clipped to 0..255, chroma as it comes.
     """
     black, span, centre, chroma_span = levels(layout.bits, value_range)
-    luma = planes[0].astype(np.float32)
     if len(planes) == 1:
+        luma = planes[0].astype(np.float32)
         if (black, span) != (0.0, 255.0):
             luma = (luma - np.float32(black)) * np.float32(255.0 / span)
         return Picture(luma=np.clip(luma, 0, 255, out=luma))
-    is_mixed = matrix is not YcbcrMatrix.BT601
-    needed = planes[1:] if with_chroma or is_mixed else ()
-    chroma = [_upsampled(plane, layout, luma.shape) for plane in needed]
-    scale = np.diag([255.0 / span, 255.0 / chroma_span, 255.0 / chroma_span])
-    offset = -scale @ np.array([black, centre, centre])
-    change = np.eye(3)
-    if is_mixed:
-        change = RGB_TO_YCC @ np.linalg.inv(ycbcr_of_rgb(matrix)) @ np.diag([219.0, 224.0, 224.0])
+    scale = np.array([255.0 / span, 255.0 / chroma_span, 255.0 / chroma_span])
+    offsets = np.array([0, CHROMA_CENTRE, CHROMA_CENTRE]) - scale * [black, centre, centre]
+    if matrix is YcbcrMatrix.BT601:
+        luma = _levels_of(planes[0], scale[0], offsets[0])
+        chroma = None
+        if with_chroma:
+            chroma = _upsampled(interleaved(planes[1:]), layout, luma.shape)
+            chroma = combined([chroma], [scale[1]], offsets[1])
+        return Picture(luma=luma, chroma=chroma)
+    change = RGB_TO_YCC @ np.linalg.inv(ycbcr_of_rgb(matrix)) @ np.diag([219.0, 224.0, 224.0])
+    offset = -scale * [black, centre, centre]
     offsets = change @ offset + [0, CHROMA_CENTRE, CHROMA_CENTRE]
-    rows = list(zip((change @ scale)[:, : 1 + len(chroma)], offsets, strict=True))
-    luma, *chroma = (
-        combined((luma, *chroma), row, constant)
-        for row, constant in rows[: 3 if with_chroma else 1]
+    luma = planes[0].astype(np.float32)
+    all_planes = luma, *(_upsampled(plane, layout, luma.shape) for plane in planes[1:])
+    rows = list(zip(change * scale, offsets, strict=True))
+    luma, *mixed = (
+        combined(all_planes, row, constant) for row, constant in rows[: 3 if with_chroma else 1]
     )
     return Picture(
-        luma=np.clip(luma, 0, 255, out=luma), chroma=interleaved(chroma) if chroma else None
+        luma=np.clip(luma, 0, 255, out=luma), chroma=interleaved(mixed) if mixed else None
     )
+
+
+def _levels_of(plane: npt.NDArray, scale: float, offset: float) -> npt.NDArray[np.float32]:
+    """Return stored values times ``scale`` and plus ``offset``, clipped to 0..255."""
+    if plane.dtype == np.uint8:
+        return np.asarray(cv2.LUT(plane, _table_of_levels(scale, offset))).reshape(plane.shape)
+    found = combined([plane.astype(np.float32)], [scale], offset)
+    return np.clip(found, 0, 255, out=found)
+
+
+@functools.lru_cache(maxsize=8)
+def _table_of_levels(scale: float, offset: float) -> npt.NDArray[np.float32]:
+    """Return what :func:`_levels_of` makes of each value of 8 bits."""
+    return _levels_of(np.arange(256, dtype=np.uint16), scale, offset)
+
+
+_BETWEEN = np.array([[0, 0.5, 0.5]], np.float32)
+"""Mean of a column and the next one."""
 
 
 def _upsampled(
-    plane: npt.NDArray, layout: PlanarFormat, shape: tuple[int, ...]
+    chroma: npt.NDArray, layout: PlanarFormat, shape: tuple[int, ...]
 ) -> npt.NDArray[np.float32]:
-    plane = plane.astype(np.float32)
-    if plane.shape == tuple(shape):
-        return plane
-    step_x, step_y = 0.5**layout.chroma_shift_x, 0.5**layout.chroma_shift_y
-    to_chroma = np.array([[step_x, 0, 0], [0, step_y, step_y / 2 - 0.5]])
-    enlarged = cv2.warpAffine(
-        plane,
-        to_chroma,
-        (shape[1], shape[0]),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    return np.asarray(enlarged, np.float32).reshape(shape)
+    """Return one or more channels of chroma at each pixel of luma, without any rounding."""
+    chroma = chroma.astype(np.float32)
+    if layout.chroma_shift_x:
+        size = 2 * chroma.shape[1], chroma.shape[0]
+        twice = cv2.resize(chroma, size, interpolation=cv2.INTER_NEAREST)
+        chroma = cv2.filter2D(twice, -1, _BETWEEN, borderType=cv2.BORDER_REPLICATE)
+    if layout.chroma_shift_y:
+        size = chroma.shape[1], 2 * chroma.shape[0]
+        chroma = cv2.resize(chroma, size, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(chroma, np.float32)[: shape[0], : shape[1]]
 
 
 class RawVideoFile:
