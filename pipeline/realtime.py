@@ -73,7 +73,7 @@ KEPT, KEPT_PER_VIEW, KEPT_PER_STEP = 0.048, 0.0165, 0.013
 """What is added where what changes is made by kept motions, by each view that it is made of and by
 each step."""
 
-FOLLOWED = 0.05
+FOLLOWED = 0.04
 """What is added where what has changed is looked for in the frame before and the other eye."""
 
 IN_TURN = 0.5

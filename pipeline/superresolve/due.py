@@ -52,6 +52,10 @@ STILL = FusedTuning(alone=0.0, together=2, prior_detail=(0.25, 0.5))
 is rich in detail than elsewhere in a chain: where it says little, frames long ago are seen for
 longer, and a picture jumps where segments meet."""
 
+HELD = replace(STILL, prior_strength=0.1, stretch=1.5)
+"""The same where a rate is held, and no segments meet: what is seen there is a mean of several
+frames, and has less noise than the prior of one frame is for; the last step is not measured."""
+
 SELDOM = 3
 """Turns of which one is enough, where a rate is held, for what was made of means of more than half
 as many frames before."""

@@ -23,6 +23,7 @@ from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
 from pipeline.superresolve.account import report_restored
 from pipeline.superresolve.choices import chosen_filters, default_residual_threshold, psf_of
 from pipeline.superresolve.due import (
+    HELD,
     MOSTLY_CHANGED,
     NEW,
     STILL,
@@ -83,7 +84,7 @@ def restore_frame(
             memory.move_on()
     ready = _Ready(
         frame=frame, settings=settings, targets=targets, near=near, psf=psf, noise=noise,
-        memory=memory, effort=effort,
+        memory=memory, effort=effort, is_held=True,
     )  # fmt: skip
     return _made(ready, clock, stop)
 
@@ -141,7 +142,7 @@ def swift_frame(
         memory.land(averaged, near, nearness)
     ready = _Ready(
         frame=averaged, settings=settings, targets=targets, near=near, psf=psf, noise=noise,
-        memory=memory, effort=effort,
+        memory=memory, effort=effort, is_held=is_held,
     )  # fmt: skip
     return _made(ready, clock, stop)
 
@@ -161,6 +162,8 @@ class _Ready:
     """Standard deviation, grey levels."""
     memory: Memory
     effort: Effort
+    is_held: bool
+    """Whether it is one of those that hold a rate."""
 
 
 def _made(ready: _Ready, clock: Stages, stop: Callable[[], bool] | None) -> FrameResult:
@@ -277,8 +280,14 @@ def _due(ready: _Ready, target: str, waiting: Mask | None, *, is_led: bool) -> l
         refresh = in_turn_or_seldom(~wanted, memory.is_ripe(target), every, number)
     else:
         refresh = in_turn(~wanted, every, number)
-    due = [Due(wanted=refresh, noise=noise, tuning=STILL)]
+    # views as they were say less than those that are looked at
+    tuning = HELD if ready.is_held and effort.others else STILL
+    due = [Due(wanted=refresh, noise=noise, tuning=tuning)]
     if not (effort.alone or is_led):
-        tuning = as_cold_where_quiet(CHANGED, noise) if effort.by_depth else WARM
+        tuning = CHANGED if effort.by_depth else WARM
+        if effort.in_turn:
+            tuning = replace(tuning, stretch=1.0)
+        if effort.by_depth:
+            tuning = as_cold_where_quiet(tuning, noise)
         due.append(Due(wanted=wanted, noise=noise, tuning=tuning, views=ready.near))
     return due
