@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import EXACT
 from pipeline.frames import Rejection
 from pipeline.registration.records import ViewRegistration
 from pipeline.registration.windows import Landed
@@ -48,42 +49,47 @@ def inverted(
     labels = np.empty(onto.shape, np.int32)
     _spread(
         lead.registered.position, lead.registered.flags, lead.offset, lead.patch_labels, nearness,
-        onto, UNSEEN, ONE_SURFACE, position, offset, labels,
+        onto, UNSEEN, ONE_SURFACE, np.zeros(onto.shape, np.float32),
+        np.empty(onto.shape, np.float32), position, offset, labels,
     )  # fmt: skip
     return Landed(labels=labels, position=position, offset=offset)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _spread(
-    landed, flags, offset, labels, nearness, onto, unseen, one_surface, position, offsets,
-    out_labels,
+    landed, flags, offset, labels, nearness, onto, unseen, one_surface, total, nearest, position,
+    offsets, out_labels,
 ):  # fmt: skip
-    """Write the mean of where the pixels around came from, and of their terms with minus."""
+    """Write the mean of where the pixels around came from, and of their terms with minus.
+
+    ``total`` (zero) and ``nearest``, of the shape of ``onto``, are scratch.
+    """
     height, width = onto.shape
     one, zero = np.float32(1.0), np.float32(0.0)
     apart = np.float32(one_surface)
-    total = np.zeros((height, width), np.float32)
-    nearest = np.empty((height, width), np.float32)
-    position[:] = 0
-    offsets[:] = 0
-    out_labels[:] = -1
     for row in range(landed.shape[0]):
+        i = np.uint64(row)
         for column in range(landed.shape[1]):
-            if flags[row, column] & unseen:
+            j = np.uint64(column)
+            if flags[i, j] & unseen:
                 continue
-            u, v = landed[row, column, 0], landed[row, column, 1]
+            u, v = landed[i, j, 0], landed[i, j, 1]
             left, top = int(np.floor(u)), int(np.floor(v))
-            for y in range(max(top, 0), min(top + 2, height)):
-                down = np.float32(y) - v
-                for x in range(max(left, 0), min(left + 2, width)):
-                    right = np.float32(x) - u
+            here, label, term = nearness[i, j], labels[i, j], offset[i, j]
+            for below in range(max(top, 0), min(top + 2, height)):
+                down = np.float32(below) - v
+                # places are not negative, and unsigned numbers need no check that they are
+                y = np.uint64(below)
+                for beside in range(max(left, 0), min(left + 2, width)):
+                    right = np.float32(beside) - u
                     weight = (one - abs(right)) * (one - abs(down))
                     if weight <= zero:
                         continue
+                    x = np.uint64(beside)
                     # the view's pixels move from this one on as the reference's do
                     px, py = np.float32(column) + right, np.float32(row) + down
                     known = total[y, x]
-                    away = abs(onto[y, x] - nearness[row, column])
+                    away = abs(onto[y, x] - here)
                     if known > zero:
                         alike = (
                             abs(px * known - position[y, x, 0]) <= apart * known
@@ -94,16 +100,22 @@ def _spread(
                                 continue
                             known = zero
                     if known == zero:
-                        position[y, x, 0] = position[y, x, 1] = offsets[y, x] = zero
+                        total[y, x] = weight
+                        position[y, x, 0] = weight * px
+                        position[y, x, 1] = weight * py
+                        offsets[y, x] = -(weight * term)
                         nearest[y, x] = away
-                        out_labels[y, x] = labels[row, column]
+                        out_labels[y, x] = label
+                        continue
                     total[y, x] = known + weight
                     position[y, x, 0] += weight * px
                     position[y, x, 1] += weight * py
-                    offsets[y, x] -= weight * offset[row, column]
+                    offsets[y, x] -= weight * term
                     nearest[y, x] = min(nearest[y, x], away)
-    for y in range(height):
-        for x in range(width):
+    for below in range(height):
+        y = np.uint64(below)
+        for beside in range(width):
+            x = np.uint64(beside)
             if total[y, x] > zero:
                 share = one / total[y, x]
                 position[y, x, 0] *= share
@@ -112,3 +124,5 @@ def _spread(
             else:
                 position[y, x, 0] = np.nan
                 position[y, x, 1] = np.nan
+                offsets[y, x] = zero
+                out_labels[y, x] = -1

@@ -102,12 +102,14 @@ def landed_view(
 
 def _onto_itself(source: PreparedView) -> ViewRegistration:
     height, width = source.view.luma.shape
-    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    position = np.empty((height, width, 2), np.float32)
+    position[..., 0] = np.arange(width)
+    position[..., 1] = np.arange(height)[:, None]
     return ViewRegistration(
         registered=RegisteredView(
             view_id=source.view.view_id,
             observed=source.view.luma,
-            position=np.stack([x, y], axis=-1),
+            position=position,
             registration_weights=np.zeros((height, width), np.float32),
             flags=np.zeros((height, width), np.uint8),
             confidence=np.ones((height, width), np.float32),

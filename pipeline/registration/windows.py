@@ -406,15 +406,13 @@ def _start_through(
     nearness = np.where(fitted.status == FITTED, nearness, patches.planes[:, 0])
     moved = replace(patches, planes=np.column_stack([nearness, patches.planes[:, 1:]]))
     where = landed.astype(np.float32)[:, None, :]
+    nowhere = (np.nan, np.nan)
     position = cv2.remap(
-        np.nan_to_num(bridge.registered.position, nan=-1e4), where, None, cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_CONSTANT, borderValue=(-1e4, -1e4),
+        bridge.registered.position, where, None, cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT, borderValue=nowhere,
     )[:, 0]  # fmt: skip
-    trusted = cv2.remap(
-        (bridge.registered.flags == 0).astype(np.float32), where, None, cv2.INTER_NEAREST
-    )[:, 0]
-    good = well_fitted(fitted) & (trusted > 0)
-    good &= (position > -1e3).all(axis=1)
+    flags = cv2.remap(bridge.registered.flags, where, None, cv2.INTER_NEAREST, borderValue=255)
+    good = well_fitted(fitted) & (flags[:, 0] == 0) & np.isfinite(position).all(axis=1)
     parallax = fit_parallax(points[good], position[good].astype(float), nearness[good], rounds=6)
     if parallax is None or parallax.num_inliers < max(FEWEST_PATCHES, good.sum() // 2):
         return None
