@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.support.datasets import MIDDLEBURY_CALIBRATION, color, write_pfm, write_stills
+
 SceneWriter = Callable[..., Path]
 
 
@@ -77,3 +79,14 @@ def write_scene(tmp_path: Path) -> SceneWriter:
         return folder
 
     return write
+
+
+@pytest.fixture
+def middlebury_2014(tmp_path) -> Path:
+    folder = write_stills(tmp_path / "Adirondack", {"im0.png": color(44), "im1.png": color(44)})
+    (folder / "calib.txt").write_text(MIDDLEBURY_CALIBRATION)
+    disparities = np.linspace(3, 30, 18 * 44).reshape(18, 44)
+    disparities[2, 3] = np.inf
+    write_pfm(folder / "disp0.pfm", disparities)
+    write_pfm(folder / "disp1.pfm", disparities)
+    return folder

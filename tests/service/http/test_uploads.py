@@ -13,7 +13,7 @@ from service.client import Client, scene_files, scene_name
 from service.config import ServiceConfig
 from service.http import uploads
 from service.store import Store
-from tests.pipeline.media.test_layouts import write_msr
+from tests.support.datasets import write_msr
 from tests.support.on_air import OnAir
 from tests.support.waiting import PATIENCE
 
