@@ -103,8 +103,8 @@ def test_arrows_point_one_way(room, forbidden):
 
 
 AV_DOORS = (
-    "cameras", "decode", "encode", "join", "live_encode", "live_file", "lossless", "sound",
-    "swscale",
+    "cameras", "decode", "decoded", "encode", "join", "live_encode", "live_file", "lossless",
+    "sound", "swscale",
 )  # fmt: skip
 """Modules of ``pipeline/media`` that import PyAV."""
 

@@ -21,7 +21,8 @@ import av.error
 import numpy.typing as npt
 
 from pipeline.errors import ConfigurationError, Interrupted, SceneError
-from pipeline.media.decode import matrix_of, planar, planes_of, range_of, rate_of
+from pipeline.media.decode import rate_of
+from pipeline.media.decoded import matrix_of, planar, planes_of, range_of
 from pipeline.media.instants import Instant, Instants, SteadyClock
 from pipeline.media.jpeg import encode_jpeg
 from pipeline.media.live_frames import EncodedPicture, PictureEncoding

@@ -27,7 +27,8 @@ from pipeline.media.colorimetry import (
     LightLevel,
     MasteringDisplay,
 )
-from pipeline.media.decode import VideoReader, matrix_of
+from pipeline.media.decode import VideoReader
+from pipeline.media.decoded import matrix_of
 from pipeline.media.encode import write_segment
 from pipeline.media.images import read_header
 from pipeline.media.join import join_segments
