@@ -27,7 +27,8 @@ class Effort:
     views: int | None = None
     """Most views that a frame without a previous one, and of the others what has changed, is made
     of, the targets among them, ≥ 1; None: all. What stands still is made of all: where motions are
-    kept, of one in a frame as it is now, in turn, and of the others as they were."""
+    kept, of one in a frame as it is now, in turn, and of the others as they were. With ``in_turn``
+    and without ``by_depth`` what changes is made of that one, too."""
 
     register: bool = True
     """False: the motions of the last frame that was registered are kept as they are, and no depth

@@ -70,7 +70,8 @@ def restore_frame(
     memory = memory or Memory()
     view_ids = [view.view_id for view in frame.views]
     names = looked_at(effort, view_ids, targets, frame.frame_index)
-    near = nearest_views(view_ids, targets, effort.views)
+    # one that has its turn costs little more once it is looked at
+    near = names if effort.in_turn else nearest_views(view_ids, targets, effort.views)
     frame = replace(frame, views=tuple(frame.view(name) for name in names))
     with stoppable(stop):
         if not memory.is_of_size(frame):
