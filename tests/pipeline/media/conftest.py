@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from tests.support.datasets import MIDDLEBURY_CALIBRATION, color, write_pfm, write_stills
+from tests.support.needed import program
 
 SceneWriter = Callable[..., Path]
 
@@ -90,3 +92,30 @@ def middlebury_2014(tmp_path) -> Path:
     write_pfm(folder / "disp0.pfm", disparities)
     write_pfm(folder / "disp1.pfm", disparities)
     return folder
+
+
+@pytest.fixture(scope="session")
+def ffprobe() -> Callable[[Path], dict]:
+    """Gives what ffprobe says of a file's stream, its duration under ``format_duration``."""
+    path = program("ffprobe")
+
+    def probe(video: Path) -> dict:
+        done = subprocess.run(
+            [
+                path,
+                "-v",
+                "error",
+                "-count_frames",
+                *["-show_streams", "-show_format", "-of", "json"],
+                video,
+            ],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stderr == ""
+        said = json.loads(done.stdout)
+        (stream,) = said["streams"]
+        return stream | {"format_duration": said["format"]["duration"]}
+
+    return probe
