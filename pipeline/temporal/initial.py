@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import EXACT
 from pipeline.frames import GreyImage, Mask
 from pipeline.grid import Grid
 from pipeline.results import StartChoice
@@ -71,7 +72,7 @@ class BlockMatch:
         return float((changed & _spread(unmoved, changed.shape)).mean())
 
 
-@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+@njit(**EXACT)
 def _may_match(sums, sums_before, y0, x0, y1, x1, u, v, bound):  # type: ignore[no-untyped-def]
     """Return whether the sums of a block's parts leave it open that it matches.
 
@@ -80,27 +81,30 @@ def _may_match(sums, sums_before, y0, x0, y1, x1, u, v, bound):  # type: ignore[
     least = 0.0
     for y in range(y0, y1 - PART + 1, PART):
         for x in range(x0, x1 - PART + 1, PART):
-            away = sums[y, x] - sums_before[y + v, x + u]
+            # within the picture, and unsigned numbers need no check that they are
+            here = sums[np.uint64(y), np.uint64(x)]
+            away = here - sums_before[np.uint64(y + v), np.uint64(x + u)]
             least += away * away
         if least > PART * PART * bound * SLACK:
             return False
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+@njit(**EXACT)
 def _matches(now, before, y0, x0, y1, x1, u, v, bound):  # type: ignore[no-untyped-def]
     """Return whether the squared differences of a block come to no more than they may."""
     total = 0.0
     for y in range(y0, y1):
         for x in range(x0, x1):
-            away = now[y, x] - before[y + v, x + u]
+            here = now[np.uint64(y), np.uint64(x)]
+            away = here - before[np.uint64(y + v), np.uint64(x + u)]
             total += away * away
         if total > bound:
             return False
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**EXACT)
 def _match(now, before, sums, sums_before, reach, block, limit, first, motion, matched):  # type: ignore[no-untyped-def]
     """Fill the motion (x, y) of blocks and whether it holds; the first motion that does wins.
 
