@@ -14,6 +14,7 @@ from numba import njit
 from pipeline.colour import CHROMA_CENTRE, YCC_TO_RGB
 from pipeline.frames import ChromaImage, GreyImage
 from pipeline.media.ycbcr import YcbcrMatrix, Yuv420, ycbcr_of_rgb
+from pipeline.results import SuperResolvedImage
 from pipeline.stereo import pad_to_multiple
 
 
@@ -75,6 +76,16 @@ def coded_together(
             planes.blue_difference, planes.red_difference, top // 2, left // 2,
         )  # fmt: skip
     return planes
+
+
+def chroma_to_code(image: SuperResolvedImage) -> ChromaImage:
+    """Return the chroma of an image in colour, halved where it can be made so."""
+    assert image.colour is not None
+    halved = image.colour.halved()
+    if halved is not None:
+        return halved
+    assert image.chroma is not None
+    return image.chroma
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -192,6 +192,16 @@ def check_size(path: Path, video_format: VideoFormat, hr_shape: tuple[int, int],
         )
 
 
+def write_planes(frame: av.VideoFrame, planes: Sequence[npt.NDArray]) -> None:
+    """Fill a planar frame, which may be one that was encoded before."""
+    frame.make_writable()  # new memory only where the encoder still holds the old
+    for plane, samples in zip(frame.planes, planes, strict=True):
+        rows, columns = samples.shape
+        stored = np.frombuffer(memoryview(plane), samples.dtype)
+        step = plane.line_size // samples.itemsize
+        stored[: rows * step].reshape(rows, step)[:, :columns] = samples
+
+
 @dataclass(kw_only=True)
 class _Pixels:
     """How pictures go into frames of the encoder."""
@@ -222,12 +232,7 @@ class _Pixels:
         if self._frame is None:
             height, width = planes[0].shape
             self._frame = av.VideoFrame(width, height, self.name)
-        self._frame.make_writable()  # new memory only where the encoder still holds the old
-        for plane, samples in zip(self._frame.planes, planes, strict=True):
-            rows, columns = samples.shape
-            stored = np.frombuffer(memoryview(plane), samples.dtype)
-            step = plane.line_size // samples.itemsize
-            stored[: rows * step].reshape(rows, step)[:, :columns] = samples
+        write_planes(self._frame, planes)
         return self._frame
 
 

@@ -16,12 +16,12 @@ from fractions import Fraction
 from typing import Any
 
 import av
-import numpy as np
 
 from pipeline.errors import OutputError
 from pipeline.media.colorimetry import Colorimetry
+from pipeline.media.encode import write_planes
 from pipeline.media.files import Outlet
-from pipeline.media.ycbcr import HD_LINES, MATRIX_CODES, matrix_for, to_yuv420
+from pipeline.media.ycbcr import HD_LINES, MATRIX_CODES, Yuv420, matrix_for, to_yuv420
 from pipeline.stereo import Picture, StereoLayout
 
 _LIMITED = 1
@@ -87,19 +87,21 @@ class LiveEncoder:
         self._outlet = Outlet()
         self._container: Any = None
         self._stream: Any = None
+        self._frame: Any = None
         self._shape: tuple[int, ...] | None = None
         self._first = 0
         self._last = -1
 
     def encode(
-        self, picture: Picture, frame_index: int, *, key: bool = False
+        self, picture: Picture | Yuv420, frame_index: int, *, key: bool = False
     ) -> Sequence[AccessUnit]:
         """Code one picture and return what is ready: its own access unit.
 
         Parameters
         ----------
-        picture : ndarray of shape (H, W, 3) or (H, W), uint8 or uint16
-            Packed as the layout says, full range; H and W even.
+        picture : ndarray of shape (H, W, 3) or (H, W), uint8 or uint16, or Yuv420
+            Packed as the layout says; H and W even. An array is of full range, planes are of the
+            matrix of high definition.
         frame_index : int
             Of the source, above the one before; gaps are lost frames.
         key : bool
@@ -122,14 +124,16 @@ class LiveEncoder:
         if frame_index <= self._last:
             raise OutputError(f"frame {frame_index} comes after frame {self._last}; drop it")
         self._last = frame_index
-        planes = to_yuv420(picture, self._matrix, coded_bits=8)
-        height, width = planes[0].shape
-        flat = np.concatenate([plane.ravel() for plane in planes])
-        frame = av.VideoFrame.from_ndarray(flat.reshape(height * 3 // 2, width), format="yuv420p")
+        if isinstance(picture, Yuv420):
+            planes = picture.planes
+        else:
+            planes = to_yuv420(picture, self._matrix, coded_bits=8)
+        frame = self._frame
+        write_planes(frame, planes)
         frame.pts = frame_index - self._first
         frame.time_base = 1 / self._fps
-        if key:
-            frame.pict_type = av.video.frame.PictureType.I
+        kinds = av.video.frame.PictureType
+        frame.pict_type = kinds.I if key else kinds.NONE
         return self._mux(self._stream.encode(frame))
 
     def take_mp4(self) -> bytes:
@@ -143,11 +147,12 @@ class LiveEncoder:
             container, self._container = self._container, None
             container.close()
 
-    def _open(self, picture: Picture, frame_index: int) -> None:
+    def _open(self, picture: Picture | Yuv420, frame_index: int) -> None:
         height, width = picture.shape[:2]
         if height % 2 or width % 2:
             raise OutputError(f"a live picture of {width}×{height}: pad it to even sides")
         self._first = frame_index
+        self._frame = av.VideoFrame(width, height, "yuv420p")
         self._container = av.open(self._outlet, "w", format="mp4", options=dict(_MUXER))
         parameters = ["scenecut=0"]
         if self._layout.packed:

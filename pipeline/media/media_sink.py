@@ -8,7 +8,6 @@ from pathlib import Path
 
 from pipeline.colour import to_grey, to_rgb
 from pipeline.fan_out import fan_out
-from pipeline.frames import ChromaImage
 from pipeline.job import Segment
 from pipeline.media.encode import CodedEyes, Eyes, check_size, write_segment
 from pipeline.media.files import check_writable, remove_leftovers
@@ -190,7 +189,8 @@ class MediaSink:
         self, results: Iterable[FrameResult], timings: dict[str, float]
     ) -> Iterator[CodedEyes]:
         """Yield the frames as planes of the video, both eyes in one, and keep the time."""
-        from pipeline.media.coded import coded_together  # numba, which a service need not load
+        # numba, which a service need not load
+        from pipeline.media.coded import chroma_to_code, coded_together
 
         targets = self.plan.targets
         eyes = targets if len(targets) == 1 else (self.plan.left, self.plan.right)
@@ -210,7 +210,7 @@ class MediaSink:
                     (2 if is_on_top else 1) * height, self.plan.colorimetry.primaries
                 )
                 planes = coded_together(
-                    [(image.luma, _chroma_of(image)) for image in images], matrix,
+                    [(image.luma, chroma_to_code(image)) for image in images], matrix,
                     side_by_side=not is_on_top,
                 )  # fmt: skip
             shown = result.images
@@ -272,16 +272,6 @@ class MediaSink:
             fan_out(frames, {name: writer(name, path) for name, path in files.items()})
         finally:
             timings["encode"] += sum(seconds)
-
-
-def _chroma_of(image: SuperResolvedImage) -> ChromaImage:
-    """Return the chroma of an image in colour, halved where it can be made so."""
-    assert image.colour is not None
-    halved = image.colour.halved()
-    if halved is not None:
-        return halved
-    assert image.chroma is not None
-    return image.chroma
 
 
 def _with_suffix(stem: Path) -> Path:

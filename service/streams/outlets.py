@@ -9,11 +9,16 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
+from pipeline.colour import to_grey, to_rgb
+from pipeline.frames import View
+from pipeline.media.coded import chroma_to_code, coded_together
 from pipeline.media.jpeg import encode_jpeg
 from pipeline.media.live_encode import LiveEncoder
+from pipeline.media.ycbcr import HD_LINES, Yuv420, matrix_for
+from pipeline.results import SuperResolvedImage
 from pipeline.stereo import Picture, StereoLayout, pack
 from service.bus import keys
 from service.bus.bus import H264, JPEG, Answer, Bus, Question
@@ -34,18 +39,46 @@ STILL_INTERVAL = 0.2
 """Stills for browsers at most this often, seconds."""
 
 
+MATRIX = matrix_for(HD_LINES)
+"""Of all live video, whatever its size."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FinishedFrame:
     """One super-resolved frame, ready to be shown."""
 
-    left: Picture
-    """(H, W, 3) or (H, W), uint8."""
-    right: Picture
+    left: SuperResolvedImage
+    right: SuperResolvedImage
     observed: tuple[Picture, Picture] | None
     """Left and right as they came, where they are to be shown beside."""
     frame_index: int
     position: int
     capture_time_ns: int
+
+    @cached_property
+    def pictures(self) -> tuple[Picture, Picture]:
+        """Left and right for people to look at, (H, W, 3) or (H, W), uint8; made when asked for."""
+        return picture_of(self.left), picture_of(self.right)
+
+    @property
+    def both(self) -> Picture:
+        """These side by side."""
+        return pack(*self.pictures, StereoLayout.SBS, multiple=2)
+
+    @property
+    def coded(self) -> Picture | Yuv420:
+        """Both side by side as they are encoded: in colour, planes that take no way by RGB."""
+        eyes = self.left, self.right
+        if any(eye.colour is None for eye in eyes):
+            return self.both
+        return coded_together([(eye.luma, chroma_to_code(eye)) for eye in eyes], MATRIX)
+
+
+def picture_of(image: SuperResolvedImage | View) -> Picture:
+    """Return a picture for people to look at, (H, W, 3) RGB or (H, W), uint8."""
+    if image.chroma is None:
+        return to_grey(image.luma, 8)
+    return to_rgb(image.luma, image.chroma, 8)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +153,7 @@ class Outlets:
     def send(self, frame: FinishedFrame) -> Sent:
         """Encode and publish one frame; return what it took."""
         begin = self._clock()
-        both = pack(frame.left, frame.right, StereoLayout.SBS, multiple=2)
+        both = frame.coded
         packed = self._clock()
         is_key = packed - self._last_key >= KEY_INTERVAL
         encoder = self._encoder_for(both)
@@ -139,7 +172,7 @@ class Outlets:
                 self._last_key = packed
         published = self._clock()
         self._to_service("mp4", encoder.take_mp4())
-        self._send_stills(frame, both)
+        self._send_stills(frame)
         self._send_observed(frame, key=is_key)
         seconds = {
             "pack": packed - begin,
@@ -160,7 +193,7 @@ class Outlets:
             self._to_service("before", self._before.take_mp4())
             self._before = None
 
-    def _encoder_for(self, picture: Picture) -> LiveEncoder:
+    def _encoder_for(self, picture: Picture | Yuv420) -> LiveEncoder:
         """Return the encoder; a new one where the picture's shape is new."""
         if self._encoder is None or picture.shape != self._shape:
             self.close()
@@ -178,11 +211,11 @@ class Outlets:
         self._before.encode(both, frame.position, key=key)
         self._to_service("before", self._before.take_mp4())
 
-    def _send_stills(self, frame: FinishedFrame, both: Picture) -> None:
+    def _send_stills(self, frame: FinishedFrame) -> None:
         pictures: dict[Output, Callable[[], Picture]] = {
-            Output.SBS_JPEG: lambda: both,
-            Output.LEFT: lambda: frame.left,
-            Output.RIGHT: lambda: frame.right,
+            Output.SBS_JPEG: lambda: frame.both,
+            Output.LEFT: lambda: frame.pictures[0],
+            Output.RIGHT: lambda: frame.pictures[1],
         }
         still = b""
         for which, picture in pictures.items():
@@ -196,7 +229,7 @@ class Outlets:
         now = self._clock()
         if now - self._last_still >= STILL_INTERVAL:
             self._last_still = now
-            self._to_service("jpeg", still or encode_jpeg(both, quality=self._jpeg_quality))
+            self._to_service("jpeg", still or encode_jpeg(frame.both, quality=self._jpeg_quality))
 
     def _header(
         self, which: Output, frame: FinishedFrame, size: tuple[int, int], *, key: bool = True
@@ -240,10 +273,8 @@ class Outlets:
             data = b"".join(unit for _, unit in group)
             yield Answer(key=key, payload=data, encoding=H264, attachment=json.dumps(said).encode())
             return
-        eyes = {Output.LEFT: frame.left, Output.RIGHT: frame.right}
-        shown = eyes.get(which)
-        if shown is None:
-            shown = pack(frame.left, frame.right, StereoLayout.SBS, multiple=2)
+        eyes = {Output.LEFT: 0, Output.RIGHT: 1}
+        shown = frame.pictures[eyes[which]] if which in eyes else frame.both
         header = replace(
             group[-1][0],
             sequence=self._sequences.last(which),

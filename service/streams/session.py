@@ -15,18 +15,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from pipeline.colour import to_grey, to_rgb
 from pipeline.config import Settings
 from pipeline.effort import FULL, Effort, looked_at
 from pipeline.errors import Interrupted, PipelineError, SceneError
-from pipeline.frames import MultiViewFrame, View
+from pipeline.frames import MultiViewFrame
 from pipeline.media.live_frames import LiveFrames
 from pipeline.media.live_manifest import LiveManifest
 from pipeline.psf_search import search_psf
 from pipeline.realtime import Choice, Controller, Rung
 from pipeline.reconstruction.psf import GaussianPsf
-from pipeline.results import FrameResult, SuperResolvedImage
-from pipeline.stereo import Picture
+from pipeline.results import FrameResult
 from pipeline.worker import Worker
 from service.bus import keys
 from service.bus.bus import JSON, Bus, Question, answer_json
@@ -35,7 +33,7 @@ from service.streams.assembly import AssembledFrame, Expected, named
 from service.streams.intake import Intake
 from service.streams.latency import Latency, Rate
 from service.streams.options import Rule, StreamOptions
-from service.streams.outlets import FinishedFrame, Outlets
+from service.streams.outlets import FinishedFrame, Outlets, picture_of
 from service.streams.sequences import Sequences
 
 log = logging.getLogger(__name__)
@@ -130,8 +128,6 @@ class StreamSession:
             num_views=len(manifest.view_ids),
             has_depth=manifest.depth_ids == set(manifest.view_ids),
         )
-        self._eyes: dict[str, Picture] = {}
-        """The last pictures."""
         self._latency = Latency()
         self._history: deque[dict[str, Any]] = deque(maxlen=KEEP_HISTORY)
         self._progress = Progress()
@@ -350,11 +346,10 @@ class StreamSession:
     ) -> FinishedFrame:
         """Return the pictures of both eyes."""
         left, right = self.manifest.pair
-        self._eyes = {view: _picture(image) for view, image in result.images.items()}
         return FinishedFrame(
-            left=self._eyes[left],
-            right=self._eyes[right],
-            observed=(_picture(frame.view(left)), _picture(frame.view(right)))
+            left=result.images[left],
+            right=result.images[right],
+            observed=(picture_of(frame.view(left)), picture_of(frame.view(right)))
             if self.options.before
             else None,
             frame_index=assembled.frame_index,
@@ -409,9 +404,3 @@ def expected_of(manifest: LiveManifest, options: StreamOptions, limits: Limits) 
         missing_depth=Rule(options.missing_depth),
         skewed=Rule(options.skewed),
     )
-
-
-def _picture(image: SuperResolvedImage | View) -> Picture:
-    if image.chroma is None:
-        return to_grey(image.luma, 8)
-    return to_rgb(image.luma, image.chroma, 8)

@@ -124,10 +124,11 @@ def test_what_comes_out_is_what_the_worker_makes(network, source, tiny_scene):
         worker = Worker(settings, targets=(info.left, info.right))
         for frame in scene.frames():
             last = worker.take(frame)
-    from service.streams.session import _picture
+    from service.streams.outlets import picture_of
 
-    for view in (info.left, info.right):
-        assert np.array_equal(session._eyes[view], _picture(last.images[view]))
+    pair = info.left, info.right
+    for picture, view in zip(session._outlets._eyes.pictures, pair, strict=True):
+        assert np.array_equal(picture, picture_of(last.images[view]))
     assert [item["sequence"] for item in made] == list(range(6))
     assert [item["frame_index"] for item in made] == list(source.frame_indices)
     assert made[0]["key"]
@@ -138,7 +139,7 @@ def test_what_comes_out_is_what_the_worker_makes(network, source, tiny_scene):
     assert len(shown) == 6
     half = shown[-1][:, : shown[-1].shape[1] // 2]
     apart = [
-        np.abs((half - _picture(frame.view(view))) @ [0.2126, 0.7152, 0.0722]).mean()
+        np.abs((half - picture_of(frame.view(view))) @ [0.2126, 0.7152, 0.0722]).mean()
         for view in (info.left, info.right)
     ]  # of luma: the colour of so small a picture has half its size
     assert apart[0] < 0.2 * apart[1]
