@@ -98,25 +98,23 @@ def _register_from_scratch(
         return register_view(prepared[source], prepared[target], terms, through=through)
 
     wanted = list(dict.fromkeys((*sources, *others))) if chained else list(sources)
-    found = map_threads(lambda source: onto(first, source), wanted)
-    onto_first = dict(zip(wanted, found, strict=True))
-    bridges: dict[str, ViewRegistration] = {}
-    if chained:
-        found = map_threads(lambda target: onto(target, first), others)
-        bridges = dict(zip(others, found, strict=True))
+    begun = [(first, source) for source in wanted]
+    if chained:  # the bridges to the other references do not wait for anything
+        begun += [(target, first) for target in others]
+    found = dict(zip(begun, map_threads(lambda task: onto(*task), begun), strict=True))
 
     def onto_another(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
-        bridge = bridges.get(target)
+        bridge = found.get((target, first))
         if bridge is None or source == target:
             return onto(target, source)
         if source == first:
             return bridge
-        return onto(target, source, (onto_first[source], bridge))
+        return onto(target, source, (found[first, source], bridge))
 
     tasks = [(target, source) for target in others for source in sources]
     later = dict(zip(tasks, map_threads(onto_another, tasks), strict=True))
-    return {first: [onto_first[source] for source in sources]} | {
+    return {first: [found[first, source] for source in sources]} | {
         target: [later[target, source] for source in sources] for target in others
     }
 
