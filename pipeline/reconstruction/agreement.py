@@ -11,11 +11,14 @@ from numba import njit
 from pipeline.compiled import LEAN, OPTIONS
 from pipeline.reconstruction.rows import blur_ring, blur_row
 
+NO_WEIGHT = np.float32(1e38)
+"""Excess of a pixel that shall have no weight: none is left of it in 32 bits, without a branch."""
+
 
 @njit(**OPTIONS)
 def weigh(
-    predicted, observed, threshold, mark, impossible, largest, low_pass, box, expected, tolerated,
-    severity, flags, weights,
+    predicted, observed, threshold, mark, impossible, largest, low_pass, window, expected,
+    tolerated, severity, doubt, flags, weights,
 ):  # fmt: skip
     """Write the weights of a view's pixels from the prediction error around them.
 
@@ -29,37 +32,51 @@ def weigh(
         Pixels of any of these flags have no weight.
     largest : float
         Errors are cut off here, grey levels.
-    low_pass, box : float32
+    low_pass, window : float32
         Half taps of what smooths the error, and of what averages its square.
     expected : float
-        What is taken off the average: the share of the noise.
+        What is taken off the average, the share of the noise; what is left is the excess.
     tolerated, severity : float
         Weight (t / (t + c · excess))².
+    doubt : float
+        Share of the view's mean excess that is added to that of each pixel; for the mean, each is
+        cut off at t.
     flags : (H, W) uint8
         Changed in place.
     weights : (H, W) float32
+
+    Returns
+    -------
+    agreeing : float
+        What the mean of the weights would be without doubt.
     """
-    width, lines, lines_box = predicted.shape[1], 2 * low_pass.size - 1, 2 * box.size - 1
-    _weigh(
-        predicted, observed, threshold, mark, impossible, largest, low_pass, box, expected,
-        tolerated, severity, flags, weights,
-        np.empty((lines, width), np.float32), np.empty((lines_box, width), np.float32),
-        np.empty(width + max(lines, lines_box), np.float32), np.empty(width, np.float32),
+    width, lines, around = predicted.shape[1], 2 * low_pass.size - 1, 2 * window.size - 1
+    total, count = _excesses(
+        predicted, observed, threshold, mark, impossible, largest, low_pass, window, expected,
+        tolerated, flags, weights,
+        np.empty((lines, width), np.float32), np.empty((around, width), np.float32),
+        np.empty(width + max(lines, around), np.float32), np.empty(width, np.float32),
     )  # fmt: skip
+    more = np.float32(doubt * max(total, 0.0) / max(count, 1.0))
+    agreeing = 0.0
+    for y in range(predicted.shape[0]):
+        agreeing += _weight(more, np.float32(tolerated), np.float32(severity), weights[y])
+    return agreeing / predicted.size
 
 
 @njit(**LEAN)
-def _weigh(
-    predicted, observed, threshold, mark, impossible, largest, low_pass, box, expected, tolerated,
-    severity, flags, weights, passed, squares, room, line,
+def _excesses(
+    predicted, observed, threshold, mark, impossible, largest, low_pass, window, expected,
+    tolerated, flags, excesses, passed, squares, room, line,
 ):  # fmt: skip
+    """Write each pixel's excess, or NO_WEIGHT; return what :func:`_sum_cut_off` does of all."""
     height, width = predicted.shape
-    reach, reach_box = low_pass.size - 1, box.size - 1
-    lines, lines_box = passed.shape[0], squares.shape[0]
-    t, c, floor = np.float32(tolerated), np.float32(severity), np.float32(expected)
+    reach, reach_around = low_pass.size - 1, window.size - 1
+    lines, around = passed.shape[0], squares.shape[0]
+    total, count = 0.0, 0.0
     next_passed = next_square = np.int64(0)  # typed: a literal has what it goes to compiled twice
     for y in range(height):
-        while next_square < min(height, y + reach_box + 1):
+        while next_square < min(height, y + reach_around + 1):
             v = next_square
             while next_passed < min(height, v + reach + 1):
                 _bounded(
@@ -70,10 +87,14 @@ def _weigh(
                 next_passed += 1
             blur_ring(passed, v, low_pass, height, width, line)
             _square(line)
-            blur_row(line, box, room, squares[v % lines_box])
+            blur_row(line, window, room, squares[v % around])
             next_square += 1
-        blur_ring(squares, y, box, height, width, line)
-        _weight(line, predicted[y], flags[y], impossible, floor, t, c, weights[y])
+        blur_ring(squares, y, window, height, width, line)
+        _excess(line, predicted[y], flags[y], impossible, np.float32(expected), excesses[y])
+        row_total, row_count = _sum_cut_off(excesses[y], np.float32(tolerated))
+        total += row_total
+        count += row_count
+    return total, count
 
 
 @njit(**LEAN)
@@ -94,13 +115,33 @@ def _square(line):
 
 
 @njit(**LEAN)
-def _weight(local, predicted, flags, impossible, expected, tolerated, severity, out):
-    nothing = np.float32(0.0)
+def _excess(local, predicted, flags, impossible, expected, out):
     for x in range(out.size):
-        excess = max(local[x] - expected, nothing)
-        weight = tolerated / (tolerated + severity * excess)
         known = predicted[x] == predicted[x] and flags[x] & impossible == 0
-        out[x] = weight * weight if known else nothing
+        out[x] = max(local[x] - expected, np.float32(0.0)) if known else NO_WEIGHT
+
+
+@njit(**LEAN)
+def _sum_cut_off(excesses, most):
+    """Return the sum of excesses cut off there, and the number of pixels that may have a weight."""
+    total, unknown = np.float32(0.0), np.float32(0.0)
+    for x in range(excesses.size):
+        total += min(excesses[x], most)
+        unknown += np.float32(excesses[x] == NO_WEIGHT)
+    return total - most * unknown, excesses.size - unknown
+
+
+@njit(**LEAN)
+def _weight(more, tolerated, severity, excesses):
+    """Write weights in the place of excesses; return the sum of those that have no more added."""
+    total = np.float32(0.0)
+    for x in range(excesses.size):
+        excess = excesses[x]
+        free = tolerated / (tolerated + severity * excess)
+        weight = tolerated / (tolerated + severity * (excess + more))
+        total += free * free
+        excesses[x] = weight * weight
+    return total
 
 
 @njit(**LEAN)

@@ -98,14 +98,21 @@ class FusedTuning:
     constant and factor on the noise, grey."""
     agreement: tuple[float, float] = (1.0, 2.0)
     """Prediction error that is tolerated: constant a, and factor b on the noise, grey."""
-    severity: float = 4.0
+    severity: float = 3.0
     """Factor c on the excess of the low-passed error."""
     low_pass: float = 0.8
     """σ of the low-pass on the prediction error, LR pixels."""
-    box: int = 5
-    """Side of the box over which its square is averaged, LR pixels."""
-    agreeing: float = 0.62
-    """Mean weight of what may have one, below which a view's landing points are corrected, …"""
+    window: float = 1.0
+    """σ of the window of 5 × 5 LR pixels over which its square is averaged, LR pixels."""
+    expected: float = 1.5
+    """What of that average is no excess, as a multiple of what noise alone makes in the mean."""
+    doubt: tuple[float, float] = (0.08, 0.6)
+    """Share of a view's mean excess that is added to that of each of its pixels, for each view
+    beside the reference, and at most: a view that is often wrong is less to be believed where it
+    seems right, and the more of them, the more often they are wrong together."""
+    agreeing: float = 0.71
+    """Mean weight, without doubt, of what may have one, below which a view's landing points are
+    corrected, …"""
     corrections: int = ROUNDS
     """… in so many steps."""
     alone: float = 0.9
@@ -263,16 +270,18 @@ def by_power(value: float, powers: tuple[float, float]) -> float:
 
 
 def agreement_weights(
-    predicted: GreyImage, observed: GreyImage, noise: float, tuning: FusedTuning,
+    predicted: GreyImage, observed: GreyImage, noise: float, others: int, tuning: FusedTuning,
     threshold: float, flags: npt.NDArray[np.uint8],
-) -> npt.NDArray[np.float32]:  # fmt: skip
+) -> tuple[npt.NDArray[np.float32], float]:  # fmt: skip
     """Return the weight of each LR pixel from the prediction error around it, (H, W) 0..1.
 
     The error is low-passed first: what the reference view alone cannot predict, because it
     is aliased, is exactly what the other views bring, and lies near the LR Nyquist limit;
     a wrong position shows at lower frequencies too. With e² the local mean of the squared
-    low-passed error and σ² g the noise that the low-pass lets through, the weight is
-    (t² / (t² + c (e² − σ² g)))², t² = σ² + (bσ)² + a²; see :class:`FusedTuning`.
+    low-passed error and σ² g what noise alone makes of it, the excess is x = e² − n σ² g, or
+    nothing, and the weight (t² / (t² + c (x + r x̄)))², t² = σ² + (bσ)² + a², x̄ the mean of the
+    view's excesses, each cut off at t²; see :class:`FusedTuning`. The mean that the weights would
+    have without r is returned, too.
 
     Parameters
     ----------
@@ -280,22 +289,28 @@ def agreement_weights(
         Grey levels; what is predicted is NaN where there is nothing to compare.
     noise : float
         Grey levels.
+    others : int
+        Views beside the reference, this one among them.
     threshold : float
         T_R, grey levels: pixels predicted worse are flagged.
     flags : (H, W) uint8
         See :class:`Rejection`; changed in place.
     """
     constant, factor = tuning.agreement
-    kernel = cv2.getGaussianKernel(7, tuning.low_pass)[:, 0]
-    passed = float((kernel**2).sum() ** 2)
+    low_pass, window = (
+        cv2.getGaussianKernel(side, sigma)[:, 0]
+        for side, sigma in ((7, tuning.low_pass), (5, tuning.window))
+    )
+    passed = float((low_pass**2).sum() ** 2)
+    each, most = tuning.doubt
     weights = np.empty(predicted.shape, np.float32)
-    agreement.weigh(
+    agreeing = agreement.weigh(
         predicted, observed, float(threshold), np.uint8(Rejection.RESIDUAL), IMPOSSIBLE,
-        LARGEST_ERROR, kernel[3:].astype(np.float32),
-        np.full(tuning.box // 2 + 1, 1 / tuning.box, np.float32), 1.1 * passed * noise**2,
-        noise**2 + (factor * noise) ** 2 + constant**2, tuning.severity, flags, weights,
+        LARGEST_ERROR, low_pass[3:].astype(np.float32), window[2:].astype(np.float32),
+        tuning.expected * passed * noise**2, noise**2 + (factor * noise) ** 2 + constant**2,
+        tuning.severity, min(each * others, most), flags, weights,
     )  # fmt: skip
-    return weights
+    return weights, agreeing
 
 
 def fuse(
@@ -393,25 +408,26 @@ def fuse(
         coefficients = spline_coefficients(estimate, taps)
         is_correctable = learned is not None and noise >= CORRECTED_FROM
 
-        def agreement_of(index: int) -> npt.NDArray[np.float32]:
+        def agreement_of(index: int) -> tuple[npt.NDArray[np.float32], float]:
             return agreement_weights(
-                sample(coefficients, *points[index]), registered[index].observed, noise, tuning,
-                residual_threshold, flags[index],
+                sample(coefficients, *points[index]), registered[index].observed, noise,
+                len(registered) - 1, tuning, residual_threshold, flags[index],
             )  # fmt: skip
 
         def weigh(index: int) -> npt.NDArray[np.float32]:
             if index == reference:
                 return ones
             view = registered[index]
-            found = agreement_of(index)
-            agreeing = found.mean() if is_correctable else np.inf
+            found, agreeing = agreement_of(index)
+            if not is_correctable:
+                return found
             # what is possible is counted where it may matter
             if agreeing < tuning.agreeing and agreeing < tuning.agreeing * _possible(view):
                 points[index] = realigned(
                     coefficients, points[index], view.observed, noise, grid, tuning.corrections
                 )
                 flags[index] = view.flags.copy()
-                found = agreement_of(index)
+                found, _ = agreement_of(index)
             return found
 
         weights = map_threads(weigh, range(len(registered)))

@@ -216,10 +216,13 @@ def test_noise_is_tolerated_by_the_weights():
         assert np.mean(_fuse(views, grid, noise=noise).weights[1:]) > 0.5
 
 
-def _agreement(error: np.ndarray) -> np.ndarray:
+def _agreement(error: np.ndarray, others: int = 0) -> np.ndarray:
     """The weights of pixels that are predicted wrongly by so much, at noise 1."""
     flags = np.zeros(error.shape, np.uint8)
-    return agreement_weights(error, np.zeros_like(error), 1.0, FusedTuning(), np.inf, flags)
+    nothing, tuning = np.zeros_like(error), FusedTuning()
+    weights, agreeing = agreement_weights(error, nothing, 1.0, others, tuning, np.inf, flags)
+    assert agreeing == pytest.approx(_agreement(error).mean() if others else weights.mean())
+    return weights
 
 
 def test_agreement_weights_fall_with_the_error_and_are_zero_where_there_is_nothing():
@@ -240,6 +243,26 @@ def test_agreement_weights_fall_with_the_error_and_are_zero_where_there_is_nothi
     assert falling[0] == 1
     assert falling[-1] < 0.05
     assert _agreement(-error)[10, 28] == weights[10, 28]
+
+
+def test_a_view_that_is_often_wrong_is_believed_less_where_it_seems_right():
+    right = np.zeros((20, 40), np.float32)
+    np.testing.assert_array_equal(_agreement(right, others=7), 1)
+    weights = []
+    for share in (0.25, 0.5):
+        error = right.copy()
+        error[:, : round(40 * share)] = 12.0
+        weights.append([float(_agreement(error, others)[10, 35]) for others in (0, 1, 3, 7)])
+    assert weights[0][0] == weights[1][0] == 1
+    for often in weights:
+        assert often == sorted(often, reverse=True)
+        assert often[-1] > 0.2
+    assert weights[1][1] < weights[0][1] < 1
+    assert weights[1][3] < weights[0][3]
+    # nothing to compare tells nothing of the rest
+    error = right.copy()
+    error[:, :20] = np.nan
+    np.testing.assert_array_equal(_agreement(error, others=7)[:, 20:], 1)
 
 
 # --- flags -------------------------------------------------------------------------------
