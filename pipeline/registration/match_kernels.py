@@ -170,8 +170,9 @@ def search(source, reference, points, radius, reach_x, reach_y, shift, score):
     cross = np.empty(reach_x + 1, np.float32)
     scores = np.empty(reach_x + 1)
     halves = np.zeros((2, height, (width + 1) // 2), np.float32)
-    halves[0] = reference[:, ::2]
-    halves[1, :, : width // 2] = reference[:, 1::2]
+    for y in range(height):
+        for x in range(width):
+            halves[x & 1, y, x >> 1] = reference[y, x]
     boxes = (
         np.empty((height - 2 * radius, width - 2 * radius), np.float32),
         np.empty((height - 2 * radius, width - 2 * radius), np.float32),
