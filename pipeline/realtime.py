@@ -28,9 +28,10 @@ which the other one follows, then each eye of itself alone where it changes, the
 that moves, then no view but the eyes, last nothing but where they change. As soon as frames cost
 more than there is time for, the controller goes down to the rung whose frames, by what these cost
 and by the work of either rung, have time enough: at once where the first frame of a rung costs a
-multiple of its time. It goes a rung up only after a long calm, longer each time that it had to be
-taken back; until what that rung takes is there, frames are made on the one below. A frame that
-would be begun too late is dropped, and counted.
+multiple of its time. It goes up only after a calm: to the rung that should have time enough, or,
+where a way up had to be taken back, to the next one, after a longer calm each time; until what that
+rung takes is there, frames are made on the one below. A frame that would be begun too late is
+dropped, and counted.
 """
 
 from __future__ import annotations
@@ -117,7 +118,8 @@ HARDLY_TOO_MUCH, JUDGED_LONGER = 1.15, 9
 they may be, and a machine whose frames scatter by a tenth does not lose a rung to three of them."""
 
 FAR_TOO_MUCH = 2.0
-"""The same for the first frame of a rung that was not climbed to."""
+"""The same for the first frame of a rung that was not climbed to; and what a frame counts for at
+most where calm is judged: one does not say how others will be."""
 
 AIM = 0.9
 """Share of the budget that a frame of the rung gone down to should cost, at most."""
@@ -130,16 +132,14 @@ COLD = 3.0
 since it may compile, too."""
 
 LITTLE = 0.75
-"""Share of the budget below which a frame is calm …"""
+"""Share of the budget below which there is calm, by the mean of so many frames as are judged
+longest, since some of a stream cost more than others (one a second is a key frame) …"""
 
 ENOUGH = 0.95
-"""… as it is where the rung above should take no more than this."""
+"""… as there is where the rung above should take no more than this."""
 
 CALM, LONGEST_CALM = 16, 256
-"""Calm frames before quality goes up, at first and at most."""
-
-RESTLESS = 4
-"""Calm frames that one that is not takes back: now and then there is one on any machine."""
+"""Frames of calm before quality goes up, at first and at most."""
 
 TRIAL = 16
 """Frames within which a rung up that has to be taken back counts as a mistake."""
@@ -425,12 +425,12 @@ class Controller:
             self._costs, self._beside, self._made = [], [], choice.level
         if worked is not None:
             beside = max(0.0, seconds - worked) / self.budget
-            self._beside = [*self._beside, beside][-JUDGED:]
+            self._beside = [*self._beside, beside][-JUDGED_LONGER:]
         is_first = not any(self._frames)
         self._frames[choice.level] += 1
         cost = seconds / self.budget
         if is_first:
-            if cost / COLD > FAR_TOO_MUCH:
+            if cost / COLD > TOO_MUCH:
                 self._move(self._level_for(cost / COLD, self.level, self.level))
             return
         # the first frame of all on a rung loads its kernels and fills its caches
@@ -441,16 +441,17 @@ class Controller:
                 self._down(self._load(), choice.level)
             return
         self._since_up += 1
-        is_calm = cost < LITTLE or self._above(cost) <= ENOUGH
-        self._calm = self._calm + 1 if is_calm else max(0, self._calm - RESTLESS)
+        mean = statistics.fmean(min(cost, FAR_TOO_MUCH) for cost in self._costs)
+        is_calm = mean < LITTLE or self._above(mean) <= ENOUGH
+        self._calm = self._calm + 1 if is_calm else 0
         load = self._load()
         was_guess, self._is_guess = self._is_guess, self._is_guess and cost > TOO_MUCH
         if was_guess and cost <= TOO_MUCH and self._level_for(cost, self.level, 0) < self.level:
-            self._move(self._level_for(cost, self.level, 0))
+            self._move(self._level_for(cost, self.level, 0), climbs=True)
         elif load > TOO_MUCH:
             self._down(load, self.level)
-        elif self.level > 0 and self._calm >= self._calm_before_up():
-            self._move(self.level - 1, climbs=True)
+        elif self.level > 0 and self._calm >= self._calm_before_up(mean):
+            self._move(self._higher(mean), climbs=True)
             self._since_up = 0
 
     def _load(self) -> float:
@@ -494,7 +495,7 @@ class Controller:
         if not self._beside:
             of_one = load / (works[level] + readings[level])
             return [of_one * sum(both) for both in zip(works, readings, strict=True)]
-        beside = min(load, statistics.median(self._beside))
+        beside = min(load, statistics.median(self._beside[-JUDGED:]))
         of_one = (load - beside) / works[level]
         rest = beside - of_one * readings[level]
         return [
@@ -506,10 +507,18 @@ class Controller:
         """Return the share of the budget that frames should take on the rung above."""
         return self._expected(load, self.level)[max(0, self.level - 1)]
 
-    def _calm_before_up(self) -> int:
+    def _calm_before_up(self, load: float) -> int:
         """Return how many calm frames are asked for: most where a rung up should be too much."""
-        is_too_much = self._above(statistics.median(self._costs[-JUDGED:])) > TOO_MUCH
-        return LONGEST_CALM if is_too_much else self._calm_needed
+        return LONGEST_CALM if self._above(load) > TOO_MUCH else self._calm_needed
+
+    def _higher(self, load: float) -> int:
+        """Return the rung to go up to: the next one, or the highest that should have time enough.
+
+        The next one where a way up had to be taken back: what rungs should cost is wrong here.
+        """
+        if self._calm_needed > CALM:
+            return self.level - 1
+        return min(self.level - 1, self._level_for(load, self.level, 0))
 
     def _move(self, level: int, *, climbs: bool = False) -> None:
         self.level, self._costs, self._calm = level, [], 0

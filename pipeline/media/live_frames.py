@@ -6,7 +6,7 @@ compared with the limits before anything is decoded.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -30,6 +30,7 @@ from pipeline.media.yuv import (
     parse_pixel_format,
     picture_from_planes,
 )
+from pipeline.threads import map_threads
 
 MAX_SIDE = 1 << 15
 """Longest side of a picture, pixels."""
@@ -109,19 +110,37 @@ class LiveFrames:
         self,
         color: Mapping[str, EncodedPicture],
         depth: Mapping[str, EncodedPicture],
+        *,
+        colour: Container[str] | None = None,
     ) -> tuple[_Decoded, list[Refused]]:
         """Return what could be decoded of a frame, and what could not.
 
         All pictures of a frame must be of the size of its left reference (of
         the first one, where that is missing).
+
+        Parameters
+        ----------
+        color, depth : mapping of EncodedPicture
+            By view id; several are decoded at a time.
+        colour : container of view ids, optional
+            Views of which more than luma is wanted; all if left out.
         """
+
+        def decoded(item: tuple[str, EncodedPicture]) -> Picture | SceneError:
+            view_id, picture = item
+            with_chroma = colour is None or view_id in colour
+            try:
+                return decode_color(picture, max_pixels=self.max_pixels, with_chroma=with_chroma)
+            except SceneError as error:
+                return error
+
         refused: list[Refused] = []
         pictures: dict[str, Picture] = {}
-        for view_id, item in color.items():
-            try:
-                pictures[view_id] = decode_color(item, max_pixels=self.max_pixels)
-            except SceneError as error:
-                refused.append(Refused(view_id=view_id, part="color", reason=str(error)))
+        for view_id, found in zip(color, map_threads(decoded, color.items()), strict=True):
+            if isinstance(found, Picture):
+                pictures[view_id] = found
+            else:
+                refused.append(Refused(view_id=view_id, part="color", reason=str(found)))
         shape = self._shape(pictures)
         for view_id in [key for key, item in pictures.items() if item.luma.shape != shape]:
             height, width = pictures.pop(view_id).luma.shape
@@ -129,23 +148,32 @@ class LiveFrames:
             refused.append(Refused(view_id=view_id, part="color", reason=reason))
         maps: dict[str, DepthMap] = {}
         encoding = self.manifest.scene.depth
-        for view_id, item in depth.items():
-            if view_id not in pictures or encoding is None:
-                continue
+
+        def nearness_of(item: EncodedPicture) -> DepthMap | SceneError:
+            assert encoding is not None
             try:
                 stored = decode_samples(item, max_pixels=self.max_pixels)
-                nearness = resampled(nearness_from_stored(stored, encoding), shape)
+                return resampled(nearness_from_stored(stored, encoding), shape)
             except SceneError as error:
-                refused.append(Refused(view_id=view_id, part="depth", reason=str(error)))
-                continue
-            if np.isfinite(nearness).any():
-                maps[view_id] = nearness
+                return error
+
+        wanted = {} if encoding is None else {key: depth[key] for key in depth if key in pictures}
+        for view_id, near in zip(wanted, map_threads(nearness_of, wanted.values()), strict=True):
+            if isinstance(near, SceneError):
+                refused.append(Refused(view_id=view_id, part="depth", reason=str(near)))
+            elif np.isfinite(near).any():
+                maps[view_id] = near
         return _Decoded(color=pictures, depth=maps), refused
 
     def frame(
-        self, frame_index: int, decoded: _Decoded, *, needs_depth: bool = True
+        self, frame_index: int, decoded: _Decoded, *, depth: Container[str] | None = None
     ) -> MultiViewFrame:
         """Return the frame of what was decoded; missing depth is estimated where it is needed.
+
+        Parameters
+        ----------
+        depth : container of view ids, optional
+            Views whose depth is needed; all if left out.
 
         Raises
         ------
@@ -179,11 +207,14 @@ class LiveFrames:
         is_metric = calibrated and (
             scene.depth is None or scene.depth.kind is not DepthKind.DISPARITY
         )
+        deep = [view for view in views if depth is None or view.view_id in depth]
+        filled = {
+            view.view_id: view
+            for view in estimate_missing_depth(deep, depth_is_metric=is_metric)
+        }  # fmt: skip
         return MultiViewFrame(
             frame_index=frame_index,
-            views=tuple(
-                estimate_missing_depth(views, depth_is_metric=is_metric) if needs_depth else views
-            ),
+            views=tuple(filled.get(view.view_id, view) for view in views),
             left=left,
             right=right,
             depth_is_metric=is_metric,
@@ -197,8 +228,13 @@ class LiveFrames:
         return height, width
 
 
-def decode_color(item: EncodedPicture, *, max_pixels: int) -> Picture:
+def decode_color(item: EncodedPicture, *, max_pixels: int, with_chroma: bool = True) -> Picture:
     """Return a picture as luma and chroma.
+
+    Parameters
+    ----------
+    with_chroma : bool
+        False: luma alone is wanted.
 
     Raises
     ------
@@ -208,7 +244,7 @@ def decode_color(item: EncodedPicture, *, max_pixels: int) -> Picture:
     if item.encoding is not PictureEncoding.RAW:
         stored = _decoded_file(item, max_pixels)
         if stored.samples.ndim == 3:
-            return picture_from_rgb(stored.samples, stored.peak)
+            return picture_from_rgb(stored.samples, stored.peak, with_chroma=with_chroma)
         return picture_from_grey(stored.samples, stored.peak)
     if item.pixel_format in PACKED:
         samples = _packed(item, max_pixels)
@@ -217,12 +253,14 @@ def decode_color(item: EncodedPicture, *, max_pixels: int) -> Picture:
         if samples.ndim == 2:
             return picture_from_grey(samples, float(np.iinfo(samples.dtype).max))
         rgb = samples[..., 2::-1] if item.pixel_format.startswith("bgr") else samples[..., :3]
-        return picture_from_rgb(np.ascontiguousarray(rgb), float(np.iinfo(rgb.dtype).max))
+        peak = float(np.iinfo(rgb.dtype).max)
+        return picture_from_rgb(np.ascontiguousarray(rgb), peak, with_chroma=with_chroma)
     layout, planes = _planes(item, max_pixels)
     value_range = Range.LIMITED if layout.has_chroma else Range.FULL
     if item.pixel_format.startswith("yuvj"):
         value_range = Range.FULL
-    return picture_from_planes(planes, layout, matrix_for(item.height), value_range)
+    matrix = matrix_for(item.height)
+    return picture_from_planes(planes, layout, matrix, value_range, with_chroma=with_chroma)
 
 
 def decode_samples(item: EncodedPicture, *, max_pixels: int) -> npt.NDArray:

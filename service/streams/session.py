@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pipeline.config import Settings
-from pipeline.effort import FULL, Effort, looked_at
+from pipeline.effort import FULL, Effort, depth_looked_at, looked_at
 from pipeline.errors import Interrupted, PipelineError, SceneError
 from pipeline.frames import MultiViewFrame
 from pipeline.media.live_frames import LiveFrames
@@ -34,6 +34,7 @@ from service.streams.intake import Intake
 from service.streams.latency import Latency, Rate
 from service.streams.options import Rule, StreamOptions
 from service.streams.outlets import FinishedFrame, Outlets, picture_of
+from service.streams.rehearsal import rehearse
 from service.streams.sequences import Sequences
 
 log = logging.getLogger(__name__)
@@ -157,6 +158,19 @@ class StreamSession:
         bus.answer(key, answer_json(key, lambda question: self.info()))
         key = keys.history(stream)
         bus.answer(key, answer_json(key, self._asked_history))
+
+    def prepare(self) -> None:
+        """Do all that a frame may need once, so that none has to wait for it."""
+        rungs = self._controller.rungs if self.options.real_time else (Rung(),)
+        efforts = [rung.effort for rung in rungs]
+        try:
+            rehearse(self._frames, self.settings, efforts, self._stopping.is_set)
+        except Interrupted:
+            return
+        except MemoryError:
+            raise  # as in a frame
+        except Exception:  # the first frame will tell
+            log.warning("a stream could not be rehearsed", exc_info=True)
 
     def run(self) -> None:
         """Work until :meth:`stop`."""
@@ -303,12 +317,14 @@ class StreamSession:
             {view: item.content for (view, kind), item in assembled.parts.items() if kind is part}
             for part in Part
         )
-        if not effort.needs_depth:
-            looked = looked_at(
-                effort, self.manifest.view_ids, self.manifest.pair, assembled.frame_index
-            )
-            color, depth = {view: color[view] for view in looked if view in color}, {}
-        decoded, refused = self._frames.decode(color, depth)
+        view_ids, pair = self.manifest.view_ids, self.manifest.pair
+        looked = looked_at(effort, view_ids, pair, assembled.frame_index)
+        deep = depth_looked_at(effort, view_ids, pair)
+        decoded, refused = self._frames.decode(
+            {view: color[view] for view in looked if view in color},
+            {view: depth[view] for view in deep if view in depth},
+            colour=pair if self.settings.chroma == "bicubic" else None,
+        )
         for item in refused:
             self._progress.pictures_refused += 1
             key = keys.input_key(self.stream, item.view_id, Part(item.part))
@@ -319,7 +335,7 @@ class StreamSession:
                 f"cannot be used: {', '.join(named(frozenset(missing)))}",
                 frame=assembled.frame_index,
             )
-        return self._frames.frame(assembled.frame_index, decoded, needs_depth=effort.needs_depth)
+        return self._frames.frame(assembled.frame_index, decoded, depth=deep)
 
     def _superresolved(self, frame: MultiViewFrame, choice: Choice) -> FrameResult:
         """Return the result with the effort chosen; all of it where no rate is to be held."""

@@ -105,6 +105,7 @@ def _work(order: StreamOrder, voice: Voice) -> None:
         )
         signal.signal(signal.SIGTERM, lambda number, frame: session.stop())
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service's to handle
+        session.prepare()
         voice.say("ready")
         session.run()
 

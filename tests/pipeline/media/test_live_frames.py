@@ -144,9 +144,12 @@ def test_a_frame_goes_on_without_what_is_refused(scene):
     assert [(item.view_id, item.part) for item in refused] == [("cam2", "depth")]
     frame = frames.frame(0, decoded)
     assert frame.view("cam2").depth_is_estimated
-    unneeded = frames.frame(0, decoded, needs_depth=False).view("cam2")
+    unneeded = frames.frame(0, decoded, depth=("cam0", "cam1")).view("cam2")
     assert unneeded.depth_map is None
     assert np.array_equal(unneeded.luma, frame.view("cam2").luma)
+    plain, _ = frames.decode(color, depth, colour=("cam0", "cam1"))
+    assert [name for name, item in plain.color.items() if item.chroma is None] == ["cam2"]
+    assert np.array_equal(plain.color["cam2"].luma, frame.view("cam2").luma)
     decoded, refused = frames.decode({**color, "cam0": png(RGB)}, depth)
     assert "40×24 pixels, others of the frame are 48×36" in refused[0].reason
     assert [view.view_id for view in frames.frame(0, decoded).views] == ["cam1", "cam2"]
