@@ -103,7 +103,7 @@ def status(request: Request, client: Annotated[Client, require("read")]) -> Stat
             viewers=found.viewers,
             fragments=found.fragments,
             left_out=found.left_out,
-            silent_since=_silent_since(state.streams.get(name.removeprefix("streams/")), found),
+            silent_since=silent_since(state.streams.get(name.removeprefix("streams/")), found),
         )
         for name, found in sorted(state.broadcasts.all().items())
         if name.startswith("streams/") and not name.endswith("/before") and not found.ended
@@ -125,7 +125,8 @@ def status(request: Request, client: Annotated[Client, require("read")]) -> Stat
     )
 
 
-def _silent_since(stream: Stream | None, found: Broadcast) -> datetime | None:
+def silent_since(stream: Stream | None, found: Broadcast) -> datetime | None:
+    """Return when the last picture of a stream came; None while they come."""
     if stream is None or stream.state is StreamState.LIVE or found.newest_at is None:
         return None
     return datetime.fromtimestamp(found.newest_at, UTC)

@@ -12,6 +12,7 @@ import re
 from collections.abc import AsyncGenerator, Iterator, Mapping
 from contextlib import aclosing
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
@@ -25,6 +26,7 @@ from service.http.auth import Client, identify, require
 from service.http.files import TAGGED, Known, add_heads, matches, send_file, tag_of, unchanged
 from service.http.job_views import find_job
 from service.http.problems import ProblemError, responses
+from service.http.status import silent_since
 from service.http.streams import find as find_stream
 from service.live.broadcast import Broadcast, Gap
 from service.live.fragments import Fragment, Init, read_init
@@ -39,6 +41,7 @@ BOUNDARY = "picture"
 
 TrackName = Literal["result", "before"]
 Kind = Literal["jobs", "streams"]
+State = Literal["waiting", "growing", "live", "silent", "ended"]
 Reader = Annotated[Client, require("read")]
 Name = Annotated[
     str,
@@ -81,6 +84,7 @@ class WatchView(BaseModel):
             "examples": [
                 {
                     "state": "live",
+                    "silent_since": None,
                     "frames_total": None,
                     "sampling": "area",
                     "tracks": {
@@ -102,7 +106,8 @@ class WatchView(BaseModel):
         }
     )
 
-    state: Literal["waiting", "growing", "live", "ended"]
+    state: State = Field(description="`silent`: of a stream of which no more pictures come")
+    silent_since: datetime | None = Field(description="when the last one came; else null")
     frames_total: int | None
     sampling: str = Field(description="where the pixels of `before` lie on the grid of `result`")
     tracks: dict[str, TrackView] = Field(description="`result`, and `before` where there is one")
@@ -156,7 +161,8 @@ def watch(request: Request, kind: Kind, name: Name, client: Reader) -> WatchView
         if seen is not None:
             tracks[track] = seen
     job = programme.job
-    state: Literal["waiting", "growing", "live", "ended"] = "live"
+    state: State = "live"
+    silent: datetime | None = None
     settings: Mapping[str, Any] = {}
     if job is not None:
         state = "ended" if programme.ended else "growing" if tracks else "waiting"
@@ -165,8 +171,12 @@ def watch(request: Request, kind: Kind, name: Name, client: Reader) -> WatchView
         state = "waiting"
     if (stream := request.app.state.streams.get(name)) is not None and job is None:
         settings = stream.settings
+        on_air = programme.on_air("result")
+        silent = None if on_air is None else silent_since(stream, on_air)
+        state = state if silent is None else "silent"
     return WatchView(
         state=state,
+        silent_since=silent,
         frames_total=None if job is None else job.frames_total,
         sampling=settings.get("sampling", "area"),
         tracks=tracks,

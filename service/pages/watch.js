@@ -1,6 +1,6 @@
 /** The page of a job or stream that is watched. */
 
-import { ask, duration, element, jobName, repeat, showLeave, trying } from "./api.js";
+import { ask, duration, element, jobName, moment, repeat, showLeave, trying } from "./api.js";
 import { playHls, playLive } from "./player.js";
 import { frameFacts, plotsOf } from "./report.js";
 import { StereoView } from "./stereo-view.js";
@@ -63,7 +63,7 @@ function show(name) {
   picture.close();
   if (name === "result") {
     drawn += 1;
-    place("message").hidden = true;
+    if (!seen.silent_since) place("message").hidden = true;
   }
   keepTogether();
   draw();
@@ -129,7 +129,7 @@ function begin(chosen) {
   for (const name of ["result", "before"]) shut(name);
   if (!stills) open("result");
   choose({});
-  if (stills) place("message").hidden = true;
+  if (stills) place("message").hidden = !silent;
   else play(true);
 }
 
@@ -158,6 +158,7 @@ async function look() {
   view.describe(seen.tracks, seen.sampling);
   place("state").textContent = seen.state;
   place("state").className = `state ${seen.state}`;
+  showSilence();
   const live = document.querySelector('[name="way"][value="live"]');
   live.disabled = !seen.tracks.result?.live;
   if (first) {
@@ -180,6 +181,16 @@ async function look() {
     if (players.result) showPlace(); // of what stands still, no other picture may come
   }
   showNumbers();
+}
+
+let silent = null;
+
+/** Say over the last picture that no more come, as long as none do. */
+function showSilence() {
+  if (silent === seen.silent_since) return;
+  silent = seen.silent_since;
+  place("message").hidden = !silent;
+  if (silent) place("message").textContent = `Nothing has arrived since ${moment(silent)}.`;
 }
 
 function facts(list, items) {

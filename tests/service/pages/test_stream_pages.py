@@ -194,6 +194,24 @@ def test_a_stream_that_is_silent_says_since_when(chromium, station):
             until_page(page, f"({said}).endsWith(' frames')")
 
 
+def test_the_page_of_a_stream_that_is_silent_says_since_when(chromium, station):
+    stream = station.app.state.streams.get("cam")
+    with Camera(station) as camera:
+        stream.act(Action.BEGIN)
+        stream.act(Action.HEAR)
+        with opened(chromium, f"http://{station.address}/watch/streams/cam") as page:
+            state = "document.getElementById('state').textContent"
+            message = "document.getElementById('message')"
+            until_page(page, f"{state} === 'live' && {message}.hidden")
+            camera.pause()
+            stream.act(Action.SILENCE)
+            said = f"{message}.textContent.startsWith('Nothing has arrived since ')"
+            until_page(page, f"{state} === 'silent' && !{message}.hidden && {said}")
+            camera.go_on()
+            stream.act(Action.HEAR)
+            until_page(page, f"{state} === 'live' && {message}.hidden")
+
+
 def test_who_stands_on_a_stream_of_the_dashboard_is_left_there(chromium, station):
     with (
         Camera(station),
