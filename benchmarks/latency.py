@@ -107,9 +107,10 @@ def remark(status: dict[str, Any]) -> str:
     total = max(1, sum(efforts.values()))
     last = list(efforts)[-1] if efforts else "full quality"
     dropped = status["counts"]["frames_behind"] + status["frames_too_late"]
-    full = 100 * efforts.get("full quality", 0) // total
+    most = max(efforts, key=lambda words: efforts[words], default="full quality")
+    share = 100 * efforts.get(most, 0) // total
     return (
         f"{status['fps_in']:g} frames a second in, {status['fps_out']:g} out; "
-        f"{dropped} of {dropped + status['frames_done']} dropped, the start included; {full} % at "
-        f"full quality, at least {last}"
+        f"{dropped} of {dropped + status['frames_done']} dropped, the start included; {share} % "
+        f"with {most}, at least {last}"
     )
