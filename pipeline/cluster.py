@@ -27,8 +27,9 @@ from typing import Any
 from distributed import Client, Future, KilledWorker, get_worker
 from distributed.worker import Worker as DaskWorker
 
+from pipeline.compile_notice import compile_notice
 from pipeline.errors import ClusterError, ConfigurationError, PipelineError
-from pipeline.events import Event, SegmentFinished, Warned
+from pipeline.events import Compiling, Event, SegmentFinished, Warned
 from pipeline.fingerprint import scene_files
 from pipeline.job import Job, Segment
 from pipeline.line import Work
@@ -176,6 +177,7 @@ class ClusterEngine:
         inbox: queue.SimpleQueue[Mapping[str, Any] | Future] = queue.SimpleQueue()
         self._client.subscribe_topic(name, lambda event: inbox.put(event[1]))
         waiting: dict[str, tuple[Segment, Future]] = {}
+        is_told = False
         try:
             for segment in segments:
                 order = _Order(
@@ -197,8 +199,12 @@ class ClusterEngine:
                     segment, future = waiting.pop(str(item.key))
                     self._settle(segment, future)
                     on_event(SegmentFinished(index=segment.index, count=work.num_segments))
-                else:
-                    on_event(_event(item))
+                    continue
+                event = _event(item)
+                if isinstance(event, Compiling) and is_told:
+                    continue  # another worker said so
+                is_told = is_told or isinstance(event, Compiling)
+                on_event(event)
         finally:
             token.unlink(missing_ok=True)
             if self._client.status == "running":  # else the scheduler is lost
@@ -276,6 +282,8 @@ class ClusterEngine:
 def _event(news: Mapping[str, Any]) -> Event:
     if "frame" in news:
         return FrameComputed(frame_index=news["frame"])
+    if "compiling" in news:
+        return Compiling()
     return Warned(text=news["warning"])
 
 
@@ -362,7 +370,10 @@ def compute_segment(order: bytes) -> None:
         elif isinstance(event, Warned):
             worker.log_event(told.topic, {"warning": event.text})
 
-    with open_source(told.work.job) as source:
+    def tell_compiling() -> None:
+        worker.log_event(told.topic, {"compiling": True})
+
+    with open_source(told.work.job) as source, compile_notice(tell_compiling):
         LocalEngine(source, sink).compute(
             told.work, [told.segment], on_event=tell, stop=_Unwanted(worker, told.token)
         )

@@ -79,6 +79,7 @@ MIGRATIONS = (
     """,
     "CREATE INDEX job_client ON job (client, started);",
     "ALTER TABLE upload ADD COLUMN metadata TEXT NOT NULL DEFAULT '';",
+    "ALTER TABLE job ADD COLUMN compiling INTEGER NOT NULL DEFAULT 0;",
 )
 """One script for each step of ``PRAGMA user_version``."""
 
@@ -108,6 +109,8 @@ class JobRecord:
     """Workers that died or hung over it since it was last asked for."""
     parent: str | None
     """Of an export: the id of the job whose result it is a form of."""
+    compiling: bool
+    """Whether its first frame waits for kernels that are compiled."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -406,9 +409,13 @@ class Store:
                 done = total = None
             if total is not None:
                 db.execute(
-                    "UPDATE job SET frames_done = ?, frames_total = ?, version = version + 1"
-                    " WHERE id = ?",
+                    "UPDATE job SET frames_done = ?, frames_total = ?, compiling = 0,"
+                    " version = version + 1 WHERE id = ?",
                     (done, total, job_id),
+                )
+            elif kind == "Compiling":
+                db.execute(
+                    "UPDATE job SET compiling = 1, version = version + 1 WHERE id = ?", (job_id,)
                 )
             self._add_event(job_id, kind, data)
         self.on_change(job_id)
@@ -509,6 +516,7 @@ class Store:
 def _job(row: sqlite3.Row) -> JobRecord:
     values = dict(row)
     values["state"] = State(values["state"])
+    values["compiling"] = bool(values["compiling"])
     values["request"] = json.loads(values["request"])
     values["problem"] = None if values["problem"] is None else json.loads(values["problem"])
     return JobRecord(**values)

@@ -30,6 +30,7 @@ EXAMPLE_JOB: dict[str, Any] = {
     "finished": None,
     "frames_done": 12,
     "frames_total": 48,
+    "compiling": False,
     "problem": None,
     "request": {"scene": "teapot", "settings": {"magnification": "2"}},
     "links": {
@@ -55,6 +56,7 @@ class JobView(BaseModel):
     finished: datetime | None
     frames_done: int
     frames_total: int | None
+    compiling: bool = Field(description="whether its first frame waits for kernels, this once")
     problem: dict[str, Any] | None = Field(description="why it failed (RFC 9457)")
     request: dict[str, Any]
     links: dict[str, str]
@@ -96,6 +98,7 @@ def view_of(record: JobRecord) -> JobView:
         finished=time_of(record.finished),
         frames_done=record.frames_done,
         frames_total=record.frames_total,
+        compiling=record.compiling and record.state is State.RUNNING,
         problem=None if record.problem is None else dict(record.problem),
         request=record.request["request"],
         links={

@@ -66,7 +66,8 @@ const items = new Map();
 
 function jobItem(job) {
   const known = items.get(job.id);
-  if (known?.version === JSON.stringify([job.state, job.frames_done])) return known.item;
+  const version = JSON.stringify([job.state, job.frames_done, job.compiling]);
+  if (known?.version === version) return known.item;
   const name = jobName(job);
   const part = job.frames_total ? job.frames_done / job.frames_total : 0;
   const what = element("div", { class: "what" },
@@ -79,7 +80,7 @@ function jobItem(job) {
   if (job.problem) what.append(element("span", { class: "small" }, job.problem.detail));
   const item = element("li", { class: "job" }, thumbOf(job), what, actionsOf(job, name));
   if (known) known.item.replaceWith(item);
-  items.set(job.id, { item, version: JSON.stringify([job.state, job.frames_done]) });
+  items.set(job.id, { item, version });
   return item;
 }
 
@@ -96,7 +97,7 @@ function thumbOf(job) {
 
 function whenOf(job) {
   const frames = job.frames_total ? `${job.frames_done} of ${job.frames_total} frames, ` : "";
-  const begun = `${frames}${moment(job.created)}`;
+  const begun = `${frames}${job.compiling ? "compiling, " : ""}${moment(job.created)}`;
   if (!job.finished || !job.started) return begun;
   return `${begun}, took ${duration((new Date(job.finished) - new Date(job.started)) / 1000)}`;
 }

@@ -21,7 +21,7 @@ import pytest
 from pipeline.cluster import ClusterEngine, _call, examine
 from pipeline.config import Settings
 from pipeline.errors import ClusterError, Interrupted, SceneError
-from pipeline.events import FrameFinished, SegmentFinished
+from pipeline.events import Compiling, FrameFinished, SegmentFinished
 from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
 from pipeline.media.media_sink import MediaSink
 from pipeline.run import run_job
@@ -164,6 +164,24 @@ def test_what_workers_have_finished_does_not_die_with_them(cluster, manifest, lo
         run_job(_job(manifest, tmp_path / "job"), engine=engine, on_event=on_event)
     cluster.worker()
     assert _bytes(tmp_path / "job") == local
+
+
+def test_a_worker_that_compiles_says_so(manifest, tmp_path):
+    told, stop = [], StopFlag()
+
+    def on_event(event):
+        if isinstance(event, Compiling):
+            told.append(event)
+            stop.set()
+
+    with contextlib.closing(Cluster(tmp_path)) as fresh:
+        fresh.worker(NUMBA_CACHE_DIR=str(tmp_path / "nothing-compiled"))
+        with (
+            ClusterEngine(fresh.address, patience=PATIENCE) as engine,
+            pytest.raises(Interrupted),
+        ):
+            run_job(_job(manifest, tmp_path / "job"), engine=engine, on_event=on_event, stop=stop)
+    assert len(told) == 1
 
 
 def test_a_stop_ends_the_workers_tasks_and_a_resumed_run_goes_on(

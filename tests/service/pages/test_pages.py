@@ -366,6 +366,10 @@ def test_a_job_that_waits_for_kernels_says_so(chromium, make_service, tiny_scene
     with opened(chromium, f"{service.url}/jobs/{made}") as page:
         until_page(page, "document.getElementById('count').textContent.endsWith(', compiling')")
         assert "compiling, this once" in page.locator("#log").inner_text()
+        page.goto(service.url)
+        until_page(
+            page, "document.getElementById('jobs').innerText.includes('frames, compiling, ')"
+        )
 
 
 def test_an_export_is_fetched_from_the_page_of_its_job(chromium, live_service, job):
