@@ -72,11 +72,13 @@ def continued(
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
     is_small = has_few_tiles(frame.lr_shape)
     drifts = memory.seen.drifts(frame, targets, noise)
+    if not has_moved:
+        drifts = drifts or memory.seen.begins_apart(targets, noise)
     if drifts:
         has_moved = bool(matches) and not is_small
     if has_moved:
         memory.move()
-        matches = {}
+        matches, noise = {}, memory.seen.noise(frame, settings, sources)
     averaged = memory.seen.averaged(frame, noise)
     if matches and is_small and (drifts or memory.seen.lags(targets)):
         is_cut = True
@@ -86,7 +88,7 @@ def continued(
     elif matches and memory.seen.lags_all_over(targets):
         has_moved = True
         memory.move()
-        matches = {}
+        matches, noise = {}, memory.seen.noise(frame, settings, sources)
         averaged = memory.seen.averaged(frame, noise)
     if matches and _changes_in_place(memory, matches):
         is_cut = True

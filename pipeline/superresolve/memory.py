@@ -88,7 +88,7 @@ class Memory:
     def move(self) -> None:
         """Keep of the frames so far only what holds wherever the rig is."""
         self.move_on()
-        self.seen.still = {}
+        self.seen.moved_on()
 
     def move_on(self) -> None:
         """Keep of the registration so far only what holds wherever the rig is."""

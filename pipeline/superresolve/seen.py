@@ -10,7 +10,15 @@ import numpy as np
 from pipeline.config import Settings
 from pipeline.frames import MultiViewFrame, View
 from pipeline.noise import estimate_noise
-from pipeline.temporal.drift import KEPT, Detail, detail_of, goes_on_changing
+from pipeline.temporal.drift import (
+    FIRST,
+    KEPT,
+    Detail,
+    changed_at_once,
+    detail_of,
+    goes_on_changing,
+    share_noise,
+)
 from pipeline.temporal.lagging import has_few_tiles, much_lags
 from pipeline.temporal.still import Still, first_seen, seen_again
 from pipeline.threads import map_threads
@@ -44,10 +52,16 @@ class Seen:
     """By target, of the last frames looked at."""
     _detailed: int = -1
     """Index of the last of them."""
+    _frames: int = 0
+    """How many frames were looked at so."""
 
     def begun_again(self) -> Seen:
         """Return what is left of it to a new chain in a picture that goes on as it did."""
-        return Seen(_details=self._details, _detailed=self._detailed)
+        return Seen(_details=self._details, _detailed=self._detailed, _frames=self._frames)
+
+    def moved_on(self) -> None:
+        """Forget what is of where the rig was: the next look at noise is at all views."""
+        self.still, self._noise = {}, {}
 
     def noise(self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]) -> float:
         """Return the noise of the settings, or that of the frame's views, grey levels.
@@ -96,7 +110,24 @@ class Seen:
         looked_at = zip(targets, found, strict=True)
         self._details = before | {target: details for target, (details, _) in looked_at}
         self._detailed = frame.frame_index
+        self._frames += 1
         return any(goes_on for _, goes_on in found)
+
+    def begins_apart(self, targets: Sequence[str], noise: float) -> bool:
+        """Return whether the frame just asked of is to be computed as if all drifted.
+
+        Of a chain's first frames, which are too few to tell, that is so where most of a target has
+        changed at once, or where two share their noise, which hides what changes.
+        """
+        if self._frames > FIRST:
+            return False
+
+        def is_apart(details: Sequence[Detail]) -> bool:
+            # noise that is given is believed: it need not be that of these frames
+            is_shared = bool(self._noise) and share_noise(details, noise)
+            return is_shared or (len(details) == 2 and changed_at_once(details, noise))
+
+        return any(is_apart(self._details[target]) for target in targets)
 
     def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
         """Take note of a frame that is not computed."""

@@ -41,12 +41,32 @@ CALM = 1 / 4
 PASSED = 1 / 4
 """Power of a camera's noise in half-size pictures, over that in what is finest."""
 
-LEFT = 0.995
+LEFT = 0.9985
 """Share of a block's power over that span that is left at most where the focus is pulled, whatever
 light does; one over it where it comes back."""
 
-FEWEST = 64
+FEWEST = 32
 """Blocks below which nothing is said: things that move reach into most of so few."""
+
+FEW = 64
+"""Blocks below which that is so, too, but where a codec's noise goes on, …"""
+
+GOES_ON = 0.1
+"""… as the correlation of what is finest says."""
+
+FIRST = 3
+"""Frames of a chain that are each computed by themselves where the first two share their noise."""
+
+SHARED = 0.4
+"""Power of what is finest in the change from one frame to the next, where that is calm, over what
+noise of their own would give it, below which two frames share their noise."""
+
+QUIET = 1.0
+"""Noise below which that is not asked, grey levels: frames share what they show, too."""
+
+AT_ONCE = (0.1, 1.4)
+"""Square of what two pictures differ by at least where most has changed between them: grey
+levels², and a factor on what noise does there."""
 
 KEPT = SPAN + 2
 """Pictures that are needed, the newest one among them."""
@@ -77,6 +97,35 @@ def detail_of(luma: GreyImage) -> Detail:
     return Detail(coarse=small - around, finest=finest, light=around)
 
 
+def changed_at_once(details: Sequence[Detail], noise: float) -> bool:
+    """Return whether the first two of some pictures differ in most blocks by more than noise.
+
+    Parameters
+    ----------
+    details, noise
+        As in :func:`goes_on_changing`.
+    """
+    if not _are_two(details):
+        return False
+    power = _in_blocks((details[1].coarse - details[0].coarse) ** 2)
+    return _least_of_most(power) > AT_ONCE[0] + AT_ONCE[1] * PASSED * 2 * noise**2
+
+
+def share_noise(details: Sequence[Detail], noise: float) -> bool:
+    """Return whether the first two of some pictures have most of their noise in common.
+
+    Parameters
+    ----------
+    details, noise
+        As in :func:`goes_on_changing`.
+    """
+    if noise < QUIET or not _are_two(details):
+        return False
+    squares = _in_blocks((details[1].finest - details[0].finest) ** 2)
+    power = float(squares[squares <= np.quantile(squares, CALM)].mean())
+    return power < SHARED * 2 * noise**2
+
+
 def goes_on_changing(details: Sequence[Detail], noise: float) -> bool:
     """Return whether a picture changes all over as it did a frame before.
 
@@ -90,8 +139,7 @@ def goes_on_changing(details: Sequence[Detail], noise: float) -> bool:
     span = min(SPAN, len(details) - 2)
     if span < 1 or details[-1].coarse.shape != details[-2 - span].coarse.shape:
         return False
-    height, width = details[-1].coarse.shape
-    if (width // BLOCK) * (height // BLOCK) < FEWEST:
+    if _num_blocks(details[-1]) < FEWEST:
         return False
     now, last, before, first = (details[place] for place in (-1, -2, -1 - span, -2 - span))
     slowest = (SLOWEST[0] + SLOWEST[1] * noise**2) * SPAN**2
@@ -102,6 +150,8 @@ def goes_on_changing(details: Sequence[Detail], noise: float) -> bool:
         return False
     power = _in_blocks(changes[0] ** 2 + changes[1] ** 2) / 2
     share, finest = _noise_that_agrees(now.finest - before.finest, last.finest - first.finest)
+    if share < GOES_ON and _num_blocks(details[-1]) < FEW:
+        return False
     bound = finest if share > 0 else PASSED * finest
     if _least_of_most(agreeing - share * np.minimum(power, bound)) > slowest:
         return True
@@ -109,6 +159,21 @@ def goes_on_changing(details: Sequence[Detail], noise: float) -> bool:
         return False
     contrast = _contrast_changes(before, now)
     return contrast != 0 and contrast == _contrast_changes(first, last)
+
+
+def _are_two(details: Sequence[Detail]) -> bool:
+    """Return whether there are two pictures of one size, and that is enough."""
+    return (
+        len(details) > 1
+        and details[0].coarse.shape == details[1].coarse.shape
+        and _num_blocks(details[0]) >= FEWEST
+    )
+
+
+def _num_blocks(detail: Detail) -> int:
+    """Return how many blocks a picture has."""
+    height, width = detail.coarse.shape
+    return (width // BLOCK) * (height // BLOCK)
 
 
 def _contrast_changes(before: Detail, now: Detail) -> int:

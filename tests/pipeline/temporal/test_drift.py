@@ -6,10 +6,20 @@ import cv2
 import numpy as np
 import pytest
 
+from pipeline.config import Settings
 from pipeline.frames import MultiViewFrame, View
 from pipeline.noise import estimate_noise
 from pipeline.superresolve.memory import Memory
-from pipeline.temporal.drift import KEPT, SPAN, detail_of, goes_on_changing
+from pipeline.synthetic import SampleScene
+from pipeline.temporal.drift import (
+    FIRST,
+    KEPT,
+    SPAN,
+    changed_at_once,
+    detail_of,
+    goes_on_changing,
+    share_noise,
+)
 from tests.pipeline.temporal.coded import coded, noisy
 
 NOISE = 2.0
@@ -23,12 +33,13 @@ def _picture(seed, smoothness=1.5):
 
 GROUND, OTHER = _picture(0), _picture(1)
 FINE = _picture(0, smoothness=0.8)
+SEEN = SampleScene(width=WIDTH, height=HEIGHT, num_views=2).frame(0).views[0].luma
 
 
-def _shifted(pixels):
+def _shifted(pixels, picture=GROUND):
     step = np.array([[1, 0, -pixels], [0, 1, 0]], np.float32)
     return cv2.warpAffine(
-        GROUND, step, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+        picture, step, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
     )
 
 
@@ -138,8 +149,49 @@ def test_once_it_stands_still_it_is_still_after_the_span():
 
 
 def test_of_a_picture_with_few_blocks_nothing_is_said():
-    details = [detail_of(_shifted(0.05 * number)[:96, :128]) for number in range(KEPT)]
+    details = [detail_of(_shifted(0.05 * number)[:48, :80]) for number in range(KEPT)]
     assert not goes_on_changing(details, NOISE)
+    assert not share_noise(details, NOISE)
+    assert not changed_at_once(details, NOISE)
+
+
+@pytest.mark.parametrize("kind", [*DRIFTS, "nothing"])
+@pytest.mark.parametrize("noise", [1.0, NOISE, 5.0])
+def test_frames_of_a_camera_have_their_own_noise(kind, noise):
+    details = _details(DRIFTS.get(kind, lambda _: GROUND), 4, noise)
+    for last in range(1, len(details) + 1):
+        assert not share_noise(details[:last], noise)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0, NOISE])
+def test_what_changes_much_from_one_frame_to_the_next_has_changed_at_once(noise):
+    assert changed_at_once(_details(lambda number: _shifted(0.4 * number), 2, noise), noise)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0, NOISE, 5.0])
+def test_noise_light_and_what_moves_over_half_of_the_picture_are_no_change_at_once(noise):
+    half = np.arange(WIDTH) < WIDTH // 2
+    for shown in (
+        lambda _: GROUND,
+        lambda number: GROUND * (1 + 0.003 * number),
+        lambda number: np.where(half, _shifted(3 * number), GROUND),
+    ):
+        assert not changed_at_once(_details(shown, 2, noise), noise)
+
+
+def test_frames_without_noise_share_none():
+    assert not share_noise(_details(lambda _: GROUND, 2, 0.0), 0.0)
+
+
+@pytest.mark.parametrize("quality", [18, 23])
+@pytest.mark.parametrize("pixels", [0.0, 0.06])
+def test_the_first_frames_that_a_codec_leaves_share_their_noise(tmp_path, pixels, quality):
+    """Its first one has most bits, and what follows repeats most of it."""
+    shown = noisy(_shifted(pixels * number, SEEN) for number in range(FIRST))
+    film = list(coded(tmp_path / "film.mkv", shown, quality))
+    details = [detail_of(luma) for luma in film]
+    for last in range(2, FIRST + 1):
+        assert share_noise(details[:last], estimate_noise(film[last - 1]))
 
 
 def test_another_size_is_another_picture():
@@ -158,3 +210,46 @@ def test_only_frames_that_follow_one_another_tell(step, noticed):
         frame = MultiViewFrame(frame_index=number, views=views, left="l", right="r")
         found.append(memory.seen.drifts(frame, ("l", "r"), 0.0))
     assert any(found) == noticed
+
+
+def _frame(number, noise):
+    chance = np.random.default_rng(number)
+    views = tuple(
+        View(
+            view_id=name,
+            luma=(_shifted(0.3 * number) + chance.normal(0, level, GROUND.shape)).astype(
+                np.float32
+            ),
+        )
+        for name, level in zip("abcd", noise, strict=True)
+    )
+    return MultiViewFrame(frame_index=number, views=views, left="b", right="c")
+
+
+def test_where_all_moves_the_noise_is_that_of_the_frame_itself():
+    """Of a chain's other frames, one view is looked at in each."""
+    memory, settings, names = Memory(), Settings(), ("a", "b", "c", "d")
+    seen = memory.seen
+    seen.noise(_frame(0, (3.0, 3.0, 3.0, 3.0)), settings, names)
+    later = _frame(1, (2.5, 2.5, 2.5, 2.5))
+    assert seen.noise(later, settings, names) > 2.7
+    memory.move()
+    assert seen.noise(later, settings, names) == Memory().seen.noise(later, settings, names)
+
+
+def test_of_a_chain_only_the_first_frames_are_taken_to_share_their_noise():
+    """Once means are of several frames they are better than a frame, whatever noise stays."""
+    views = tuple(View(view_id=name, luma=_noisy_ground(name)) for name in "lr")
+    seen, settings, found = Memory().seen, Settings(), []
+    for number in range(6):
+        frame = MultiViewFrame(frame_index=number, views=views, left="l", right="r")
+        noise = seen.noise(frame, settings, ("l", "r"))
+        assert not seen.drifts(frame, ("l", "r"), noise)
+        found.append(seen.begins_apart(("l", "r"), noise))
+        seen = seen.begun_again() if number == 3 else seen
+    assert found == [False, True, True, False, False, False]
+
+
+def _noisy_ground(name):
+    chance = np.random.default_rng(ord(name))
+    return (GROUND + chance.normal(0, NOISE, GROUND.shape)).astype(np.float32)

@@ -15,6 +15,7 @@ from pipeline.metrics import psnr
 from pipeline.superresolve import Memory, reconstruct_frame, register_frame
 from pipeline.synthetic import SampleScene
 from pipeline.worker import Worker
+from tests.pipeline.temporal.coded import coded, noisy
 
 NOISE = 2.0
 SCENE = SampleScene(width=128, height=96, num_views=4)
@@ -284,6 +285,35 @@ def test_what_changes_slowly_or_in_part_is_no_worse_than_cold(changed, width, la
         if number < last - 1:
             continue
         other = cold.take(frame)
+        for target, place in zip(TARGETS, scene.reference_views, strict=True):
+            scores = [
+                psnr(one.images[target].luma, truth[place], border=8) for one in (ours, other)
+            ]
+            assert scores[0] > scores[1] - 0.05, number
+
+
+@pytest.mark.parametrize(("width", "quality"), [(128, 23), (256, 18)])
+def test_the_first_frames_of_a_coded_pan_are_no_worse_than_cold(tmp_path, width, quality):
+    """They share their noise, so that a mean of them has hardly less, and lags."""
+    scene = replace(SCENE, width=width, height=width * 3 // 4)
+    still = scene.frame(0)
+    pictures = [
+        cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        for picture in scene.render_all(0.0)
+    ]
+    shown = [_aside(pictures, 2 * number) for number in range(4)]
+    films = [
+        list(coded(tmp_path / f"{place}.mkv", noisy(map(scene.observe, film)), quality))
+        for place, film in enumerate(zip(*shown, strict=True))
+    ]
+    settings = [replace(_settings(kind), noise_sigma=None) for kind in ("warm", "cold")]
+    warm, cold = (Worker(one, targets=TARGETS) for one in settings)
+    for number, truth in enumerate(shown):
+        views = tuple(
+            replace(view, luma=film[number]) for view, film in zip(still.views, films, strict=True)
+        )
+        frame = replace(still, frame_index=number, views=views)
+        ours, other = warm.take(frame), cold.take(frame)
         for target, place in zip(TARGETS, scene.reference_views, strict=True):
             scores = [
                 psnr(one.images[target].luma, truth[place], border=8) for one in (ours, other)
