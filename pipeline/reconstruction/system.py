@@ -39,6 +39,10 @@ BAND_ROWS = 64
 TILE = 24
 """HR rows whose cells are gathered together, so that they stay in the processor's cache."""
 
+SHORT_HOLD = 2
+"""Steps for which the prior is held, at most, where the gradient that is left is foreseen: after
+more of them it may grow as the prior is weighed anew."""
+
 NEGLIGIBLE = 5e-4
 """Share of the middle tap below which outer taps are left out."""
 
@@ -212,7 +216,8 @@ class NormalEquations:
             At most; ``steps`` of the system counts them.
         settled : float
             Ends where the (preconditioned) gradient has fallen to this share of what it was, the
-            prior being weighed anew.
+            prior being weighed anew, or where it will have, should the step to come lower it as the
+            one before did.
         data_share : float
             What the preconditioner adds for the observations.
         stretch : float, optional
@@ -231,6 +236,7 @@ class NormalEquations:
         first = None
         previous = step = 0.0
         held, done = hold, 0
+        foresees = hold <= SHORT_HOLD
         while done < steps and not (stop is not None and stop()):
             renew = _weighs_anew(held, hold, steps - done, stretch is not None and done > 0)
             energy, along = self._look(
@@ -256,6 +262,9 @@ class NormalEquations:
             step, previous = slope / curvature, energy
             held += 1
             done += 1
+            # what falls on as it fell will have settled, and need not be looked at
+            if held >= hold and foresees and 0 < factor * energy <= settled**2 * first:
+                break
         self.steps += done
         out = np.empty(self.shape, np.float32)
         self._advance(step, direction, self._level, image, out)

@@ -573,9 +573,11 @@ def test_a_last_step_that_is_not_measured_goes_on_from_the_one_before_it():
 def test_a_descent_that_has_come_far_enough_ends():
     system = _system(_observations(count=(20, 30)))
     start = np.full(HR_SHAPE, 120, np.float32)
-    system.descend(start, 5.0, 0.3, 40, settled=0.1)
+    found = system.descend(start, 5.0, 0.3, 40, settled=0.1)
     assert 1 < system.steps < 20
     before = system.steps
+    np.testing.assert_array_equal(system.descend(start, 5.0, 0.3, before), found)
+    system.steps = before
     system.descend(start, 5.0, 0.3, 40, stop=lambda: system.steps > 0)
     assert system.steps == before
 
