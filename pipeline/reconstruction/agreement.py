@@ -25,7 +25,8 @@ def weigh(
     Parameters
     ----------
     predicted, observed : (H, W) float32
-        Grey levels; what is predicted is NaN where there is nothing to compare.
+        Grey levels; what is predicted is NaN where there is nothing to compare. In its place comes
+        what is observed beyond it.
     threshold : float
         Pixels predicted worse get the flags of ``mark``, grey levels.
     impossible : uint8
@@ -91,6 +92,7 @@ def _excesses(
             next_square += 1
         blur_ring(squares, y, window, height, width, line)
         _excess(line, predicted[y], flags[y], impossible, np.float32(expected), excesses[y])
+        _subtract_from(observed[y], predicted[y])
         row_total, row_count = _sum_cut_off(excesses[y], np.float32(tolerated))
         total += row_total
         count += row_count
@@ -142,6 +144,13 @@ def _weight(more, tolerated, severity, excesses):
         total += free * free
         excesses[x] = weight * weight
     return total
+
+
+@njit(**LEAN)
+def _subtract_from(row, line):
+    """Write row − line into the line."""
+    for x in range(line.size):
+        line[x] = row[x] - line[x]
 
 
 @njit(**LEAN)

@@ -59,22 +59,22 @@ def _fill(points, trusted, magnification_x, offset_x, magnification_y, offset_y,
     """
     height, width = filled.shape
     flat = filled.reshape(-1)
-    places = np.empty(trusted.shape[1], np.int32)
+    places, lands = np.empty(trusted.shape[1], np.int32), np.empty(trusted.shape[1], np.bool_)
     for row in range(trusted.shape[0]):
         _find_places(
             points[row], trusted[row], magnification_x, offset_x, magnification_y, offset_y,
-            height, width, places,
+            height, width, places, lands,
         )  # fmt: skip
         for column in range(places.size):
-            if places[column] >= 0:
-                flat[places[column]] = True
+            flat[places[column]] |= lands[column]
 
 
 @njit(**OPTIONS)
 def _find_places(
-    points, trusted, magnification_x, offset_x, magnification_y, offset_y, height, width, places
-):
-    """Write the HR pixel on which each pixel of a row lands, counted by rows; negative: none.
+    points, trusted, magnification_x, offset_x, magnification_y, offset_y, height, width, places,
+    lands,
+):  # fmt: skip
+    """Write on which HR pixel each pixel of a row lands, counted by rows, and whether it does.
 
     Without a branch, so that eight are worked on at once.
     """
@@ -88,5 +88,5 @@ def _find_places(
         # a point half-way between two pixels always goes to the right and down
         across = np.int32(np.floor((x if is_in else nothing) + half))
         down = np.int32(np.floor((y if is_in else nothing) + half))
-        is_in = is_in & (trusted[column] != 0)
-        places[column] = down * pitch + across if is_in else np.int32(-1)
+        places[column] = down * pitch + across
+        lands[column] = is_in & (trusted[column] != 0)

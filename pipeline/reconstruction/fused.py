@@ -191,9 +191,12 @@ def estimate_alone(
         LR pixels that are needed; what lies far from them is left zero.
     """
     height, width = reference.shape
-    out = np.zeros(grid.hr_shape((height, width)), np.float32)
-    boxes = [(slice(0, height), slice(0, width))] if wanted is None else covering_boxes(wanted)
     restoration = restoration_of(reference, grid, psf, max(noise, SMALLEST_NOISE))
+    if wanted is None:
+        everywhere = slice(0, height), slice(0, width)
+        return next(parts_alone(reference, restoration, grid, learned, [everywhere]))
+    out = np.zeros(grid.hr_shape((height, width)), np.float32)
+    boxes = covering_boxes(wanted)
     for box, part in zip(
         boxes, parts_alone(reference, restoration, grid, learned, boxes), strict=True
     ):
@@ -286,7 +289,8 @@ def agreement_weights(
     Parameters
     ----------
     predicted, observed : (H, W) float32
-        Grey levels; what is predicted is NaN where there is nothing to compare.
+        Grey levels; what is predicted is NaN where there is nothing to compare. In its place comes
+        what is observed beyond it.
     noise : float
         Grey levels.
     others : int
@@ -408,35 +412,34 @@ def fuse(
         coefficients = spline_coefficients(estimate, taps)
         is_correctable = learned is not None and noise >= CORRECTED_FROM
 
-        def agreement_of(index: int) -> tuple[npt.NDArray[np.float32], float]:
-            return agreement_weights(
-                sample(coefficients, *points[index]), registered[index].observed, noise,
-                len(registered) - 1, tuning, residual_threshold, flags[index],
+        def agreement_of(index: int) -> tuple[HrImage, npt.NDArray[np.float32], float]:
+            beyond = sample(coefficients, *points[index])
+            found, agreeing = agreement_weights(
+                beyond, registered[index].observed, noise, len(registered) - 1, tuning,
+                residual_threshold, flags[index],
             )  # fmt: skip
+            return beyond, found, agreeing
 
-        def weigh(index: int) -> npt.NDArray[np.float32]:
-            if index == reference:
-                return ones
+        def weigh(index: int) -> tuple[HrImage, npt.NDArray[np.float32]]:
             view = registered[index]
-            found, agreeing = agreement_of(index)
+            if index == reference:
+                return view.observed - sample(coefficients, *points[index]), ones
+            beyond, found, agreeing = agreement_of(index)
             if not is_correctable:
-                return found
+                return beyond, found
             # what is possible is counted where it may matter
             if agreeing < tuning.agreeing and agreeing < tuning.agreeing * _possible(view):
                 points[index] = realigned(
                     coefficients, points[index], view.observed, noise, grid, tuning.corrections
                 )
                 flags[index] = view.flags.copy()
-                found, _ = agreement_of(index)
-            return found
+                beyond, found, _ = agreement_of(index)
+            return beyond, found
 
-        weights = map_threads(weigh, range(len(registered)))
+        weighed = map_threads(weigh, range(len(registered)))
+        weights = [found for _, found in weighed]
         system.gather(
-            [
-                # writable, for one compilation
-                (*points[index], np.require(view.observed, requirements="W"), weights[index])
-                for index, view in enumerate(registered)
-            ]
+            [(*there, *of_view) for there, of_view in zip(points, weighed, strict=True)], estimate
         )
         estimate = solve(estimate, tuning.together, most_steps)
     residuals: tuple[float, ...] = ()

@@ -193,13 +193,14 @@ def spread_cells(cells, top, lo, hi, width, couplings, units, rhs):
     plane, pitch = couplings.shape[1] * couplings.shape[2], couplings.shape[2]
     flat = couplings.reshape(-1)
     line = np.empty(width + LANES, np.float32)
-    own, below = _largest(cells, lo - top, width), _largest(cells, lo - top + 1, width)
+    bits, largest = cells.view(np.int32), np.empty(1, np.int32)
+    own, below = _largest(bits, lo - top, width), _largest(bits, lo - top + 1, width)
     for y in range(lo, hi):
         # no coupling exceeds both of its pixels' couplings with themselves
-        far = _largest(cells, y - top + 2, width)
-        largest = max(max(own, below), far)
+        far = _largest(bits, y - top + 2, width)
+        largest[0] = max(max(own, below), far)
         own, below = below, far
-        unit = largest / np.float32(LARGEST_UNIT)
+        unit = largest.view(np.float32)[0] / np.float32(LARGEST_UNIT)
         base = ((y - top) * (width + 2) + 1) * CELL
         units[y + 2] = unit
         inverse = np.float32(1.0) / unit if unit > 0 else np.float32(0.0)
@@ -219,10 +220,13 @@ def pass_on(cells, rows, width):
 
 
 @njit(**LEAN)
-def _largest(cells, row, width):
-    """Return the largest coupling of a pixel with itself in a row of cells."""
-    line = cells[(row * (width + 2) + 1) * CELL :]
-    largest = np.float32(0.0)
+def _largest(bits, row, width):
+    """Return the bits of the largest coupling of a pixel with itself in a row of cells.
+
+    They are in the order of the numbers, none of which is negative: many are compared at once.
+    """
+    line = bits[(row * (width + 2) + 1) * CELL :]
+    largest = np.int32(0)
     for x in range(width):
         largest = max(largest, line[x * CELL])
     return largest

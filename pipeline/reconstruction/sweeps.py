@@ -460,6 +460,7 @@ def _weigh_strip(step, estimate, direction, scale, local, lo, hi, left, right, p
             prior[0, y + 1, right] = 0
             prior[3, y + 1, right] = 0
         if left == 0:
+            prior[:, y + 1, 0] = 0
             prior[1, y + 1, 1] = 0
 
 

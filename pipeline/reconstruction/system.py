@@ -117,6 +117,7 @@ class NormalEquations:
         self._along, self._sharpening = _halves(taps), _halves(sharpening)
         height, width = shape
         self._regular = False
+        self._origin: HrImage | None = None
         self._across = np.zeros((5, width), np.float32)
         self._down = np.zeros((5, height), np.float32)
         self._couplings = np.zeros((kernels.NUM_COUPLINGS, 1, 1), np.uint16)
@@ -126,11 +127,21 @@ class NormalEquations:
         self._scratch: list[HrImage] = []
         self.steps = 0
 
-    def gather(self, observations: Sequence[tuple[HrImage, HrImage, HrImage, HrImage]]) -> None:
+    def gather(
+        self,
+        observations: Sequence[tuple[HrImage, HrImage, HrImage, HrImage]],
+        predicted_by: HrImage | None = None,
+    ) -> None:
         """Take observations in place of all before: (x, y, value, weight) of each view.
 
         All are (H, W) float32, x and y in HR pixels. M is kept in 16 bits a coupling,
         relative to the largest one in its row.
+
+        Parameters
+        ----------
+        predicted_by : (KH, KW) float32, optional
+            An estimate, of which the values are what is observed beyond what it predicts; a
+            descent that starts there need not work out what is left to explain.
         """
         # values may be read-only: always so, for one compilation
         observations = [(x, y, _frozen_view(v), weight) for x, y, v, weight in observations]
@@ -139,7 +150,8 @@ class NormalEquations:
         if self._couplings.shape != shape:
             # what lies around the image is multiplied by zeros
             self._couplings = np.empty(shape, np.uint16)
-        self._regular = False
+        self._regular, self._origin = False, predicted_by
+        level = self._level if predicted_by is None else np.float32(0)
         landing = map_threads(lambda view: _landing_rows(view[1], view[3], height), observations)
         tile = min(TILE, max(hi - lo for lo, hi in self._bands) + 2)
 
@@ -152,7 +164,7 @@ class NormalEquations:
                 hi = min(lo + tile, band[1] + 1)
                 for (x, y, value, weight), (first, last) in zip(observations, landing, strict=True):
                     kernels.gather_observations(
-                        x, y, value, weight, first, last, self._level, lo, hi, height, width, cells
+                        x, y, value, weight, first, last, level, lo, hi, height, width, cells
                     )
                 # what lands on later rows adds nothing to these
                 whole = max(hi - 1, done)
@@ -173,7 +185,7 @@ class NormalEquations:
         rows, taps_y = _regular_taps(observed.shape[0], grid.magnification_y, grid.offset_y, height)
         self._across = _five_bands(columns, taps_x, width)
         self._down = _five_bands(rows, taps_y, height)
-        self._regular = True
+        self._regular, self._origin = True, None
         self._rhs[:] = 0
         kernels.gather_regular(observed, self._level, columns, taps_x, rows, taps_y, self._rhs)
 
@@ -232,7 +244,7 @@ class NormalEquations:
         direction[:] = 0
         prior = self._room_for_weights()
         unit = _unit(strength, scale)
-        self._turn(image, 0.0, image, prior, 0.0, residual, self._rhs)
+        self._write_residual(estimate, image, prior, residual)
         first = None
         previous = step = 0.0
         held, done = hold, 0
@@ -270,6 +282,19 @@ class NormalEquations:
         self._advance(step, direction, self._level, image, out)
         return out
 
+    def _write_residual(
+        self, estimate: HrImage, image: HrImage, prior: npt.NDArray[np.uint16], residual: HrImage
+    ) -> None:
+        """Write Bᵀ (b − M B x) of an estimate, ``image`` being its difference to the level."""
+        if estimate is self._origin:
+            map_threads(
+                lambda band: sweeps.blur_band(self._rhs, *self._along, *band, residual),
+                self._bands,
+            )
+            return
+        away = image if self._origin is None else estimate - self._origin
+        self._turn(away, 0.0, away, prior, 0.0, residual, self._rhs)
+
     def _advance(
         self, step: float, direction: HrImage, level: np.float32, image: HrImage, out: HrImage
     ) -> None:
@@ -289,7 +314,6 @@ class NormalEquations:
         height, width = self.shape
         weights = np.empty((4, height + 1, 1 + width + TAIL), np.uint16)
         weights[:, 0] = 0
-        weights[:, :, 0] = 0
         weights[1:, height] = 0
         return weights
 

@@ -219,8 +219,8 @@ def test_noise_is_tolerated_by_the_weights():
 def _agreement(error: np.ndarray, others: int = 0) -> np.ndarray:
     """The weights of pixels that are predicted wrongly by so much, at noise 1."""
     flags = np.zeros(error.shape, np.uint8)
-    nothing, tuning = np.zeros_like(error), FusedTuning()
-    weights, agreeing = agreement_weights(error, nothing, 1.0, others, tuning, np.inf, flags)
+    zero, tuning = np.zeros_like(error), FusedTuning()
+    weights, agreeing = agreement_weights(error.copy(), zero, 1.0, others, tuning, np.inf, flags)
     assert agreeing == pytest.approx(_agreement(error).mean() if others else weights.mean())
     return weights
 

@@ -582,6 +582,17 @@ def test_a_descent_that_has_come_far_enough_ends():
     assert system.steps == before
 
 
+def test_what_is_observed_beyond_a_prediction_leads_where_the_whole_does():
+    x, y, value, weight = _observations(count=(20, 30))
+    predicting, other = _image(seed=3), _image(seed=8)
+    whole, beyond = _system((x, y, value, weight)), _system()
+    beyond.gather([(x, y, value - simulate(predicting, TAPS, x, y), weight)], predicting)
+    for start in (predicting, other, predicting.copy()):
+        expected = whole.descend(start, 5.0, 0.3, 4)
+        # couplings are rounded, which the whole grey levels feel
+        np.testing.assert_allclose(beyond.descend(start, 5.0, 0.3, 4), expected, atol=0.3)
+
+
 def test_the_start_is_not_modified_and_a_solution_stays():
     truth = _smooth(HR_SHAPE)
     x, y = _points(GRID, (11, 17))
