@@ -46,7 +46,7 @@ BORDER = 24
 """HR pixels left out when measuring."""
 
 RATE = 15.0
-"""Frames a second to hold: those of Breakdancers."""
+"""Frames a second of Breakdancers."""
 
 Truth = Sequence[Sequence[GreyImage]]
 """By frame, then by target: HR luma."""
@@ -66,9 +66,11 @@ class Plan:
     ones beside it the same."""
     stream: int = 48
     """Frames of the whole way."""
+    rates: tuple[float, ...] = (RATE, 12.0, 10.0, 8.0, 6.0)
+    """Frames a second to hold."""
 
 
-QUICK = Plan(size=(96, 72), num_views=3, chain=3, swift=7, stream=10)
+QUICK = Plan(size=(96, 72), num_views=3, chain=3, swift=7, stream=10, rates=(RATE,))
 """Does it work at all?"""
 
 
@@ -248,18 +250,23 @@ class VideoBench:
         full = self._whole(
             folder, manifest, "full", truth, replace(self._settings, temporal="warm")
         )
-        held = self._whole(
-            folder, manifest, f"{RATE:g} frames a second held", truth,
-            replace(self._settings, temporal="warm", realtime=True, rate=RATE),
+        for rate in self._plan.rates:
+            self._held(folder, manifest, truth, rate, full[0])
+
+    def _held(self, folder: Path, manifest: Path, truth: Truth, rate: float, full: float) -> None:
+        """Measure what holding a rate leaves of full quality, dB."""
+        quality, summary = self._whole(
+            folder, manifest, f"{rate:g} frames a second held", truth,
+            replace(self._settings, temporal="warm", realtime=True, rate=rate),
         )  # fmt: skip
-        account = held[1].report["realtime"]
+        account = summary.report["realtime"]
         said = account_of(
-            RATE,
-            ((record["dropped"], record["rung"]) for record in _records(held[1])),
+            rate,
+            ((record["dropped"], record["rung"]) for record in _records(summary)),
             waited=account["waited"],
         )
         self._row(
-            "loss to full quality", remark=f"{signed(held[0] - full[0])} dB in the mean of all "
+            "loss to full quality", remark=f"{signed(quality - full)} dB in the mean of all "
             f"frames, {account['dropped']} dropped ones included. {said.sentence()}",
         )  # fmt: skip
 

@@ -18,6 +18,6 @@ cutting parts of rows out of arrays takes as long as the work on a hundred of th
 EXACT = {**LEAN, "fastmath": False}
 """The same of a loop whose operations each round by themselves, in the order as written."""
 
-INLINED = {**OPTIONS, "forceinline": True}
+INLINED = {**LEAN, "forceinline": True}
 """The same of what another loop calls and sums in: else that one runs one machine code where it was
 just compiled and another one where it is loaded from the cache, which rounds in another order."""

@@ -319,7 +319,8 @@ class Store:
                 return None
             db.execute(
                 "UPDATE job SET state = ?, attempt = attempt + 1, started = ?, finished = NULL,"
-                " lease_until = ?, problem = NULL, version = version + 1 WHERE id = ?",
+                " lease_until = ?, problem = NULL, compiling = 0, version = version + 1"
+                " WHERE id = ?",
                 (after(State(row["state"]), Action.START), now, now + lease, row["id"]),
             )
             record = self._must(row["id"])

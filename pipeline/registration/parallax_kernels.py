@@ -9,12 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.compiled import EXACT, LEAN
+from pipeline.compiled import EXACT, INLINED, LEAN
 from pipeline.registration.kernels import copy, solve
-
-INLINED = {**LEAN, "forceinline": True}
-"""Of sums that others call: else they are rounded in one order where they were just compiled, in
-another where they are loaded from the cache."""
 
 NUM_TERMS = 11
 """Numbers that a motion is fitted by: four each of x and y, and three of the denominator."""

@@ -14,11 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.compiled import LEAN
-
-INLINED = {**LEAN, "forceinline": True}
-"""Of sums that another loop calls: they are to be rounded alike, compiled now or loaded from the
-cache."""
+from pipeline.compiled import INLINED
 
 MAX_PARTS = 3
 """Most surfaces that one window is cut into."""

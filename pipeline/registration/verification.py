@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.compiled import EXACT, LEAN
+from pipeline.compiled import EXACT, INLINED, LEAN
 from pipeline.frames import GreyImage, Mask, Positions, Rejection
 
 _NO_MOTION, _OUTSIDE, _WEIGHT, _DEPTH, _EDGE, _OCCLUDED = (
@@ -19,9 +19,6 @@ _NO_MOTION, _OUTSIDE, _WEIGHT, _DEPTH, _EDGE, _OCCLUDED = (
     int(Rejection.DEPTH), int(Rejection.EDGE), int(Rejection.OCCLUDED),
 )  # fmt: skip
 """The bits as compiled loops know them."""
-
-INLINED = {**LEAN, "forceinline": True}
-"""Of what another loop calls: it is to be rounded alike, compiled now or loaded from the cache."""
 
 _NOWHERE = np.int32(-(2**31))
 """What stands for the coefficients of a pixel that lands outside the reference."""

@@ -42,9 +42,6 @@ RIDGE = (1e-3, 1.0)
 """Of the squared gradients of a patch, and beside, that are added to them: where it shows nothing
 it stays where it was."""
 
-_INNER = {**INLINED, "_nrt": False}
-"""The same of what makes no array, see :data:`pipeline.compiled.LEAN`."""
-
 Flow = npt.NDArray[np.float32]
 """(H, W, 2): x and y from a pixel to where it was, pixels; zero where it was not asked for."""
 
@@ -100,7 +97,7 @@ def _flow_at(
     return found
 
 
-@njit(**_INNER)
+@njit(**INLINED)
 def _compare(before, at, pitch, across, down, patch, slopes_x, slopes_y):
     """Return the sums of a patch's differences to another picture.
 
@@ -133,7 +130,7 @@ def _compare(before, at, pitch, across, down, patch, slopes_x, slopes_y):
     return total, square, along_x, along_y
 
 
-@njit(**_INNER)
+@njit(**INLINED)
 def _take_patch(now, top, left, patch, slopes_x, slopes_y):
     """Write a patch and its slopes along x and y; beyond the edge lies its outermost pixel."""
     height, width = now.shape
@@ -149,7 +146,7 @@ def _take_patch(now, top, left, patch, slopes_x, slopes_y):
             slopes_y[at] = half * (now[below, column] - now[above, column])
 
 
-@njit(**_INNER)
+@njit(**INLINED)
 def _is_wanted(wanted, top, left):
     """Return whether a pixel of a patch is asked for."""
     found = np.uint8(0)

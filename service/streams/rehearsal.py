@@ -8,6 +8,7 @@ takes it for what such frames cost.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from itertools import repeat
 
@@ -64,33 +65,34 @@ def rehearse(
     names = nearest_views(manifest.view_ids, (left, right), VIEWS)
     given = replace(settings, psf="given", psf_per_layer=False)
     worker = Worker(given, targets=(left, right), stop=stop)
-    encoder = LiveEncoder(fps=manifest.fps, layout=StereoLayout.SBS)
     scene = SampleScene(width=WIDTH, height=HEIGHT, num_views=len(names))
     seen = [scene.observe(picture) for picture in scene.render_all(0.0)]
     maps = [scene.stereo_depth(place, 0) for place in range(len(names))]
     still = max(AGAIN) + 1  # frames in which all is registered, before some of it is kept
     each = [*repeat(FULL, still + 1), *efforts, FULL]
-    for number, effort in enumerate(each):
-        is_last = number == len(each) - 1
-        color, depth = {}, {}
-        deep = depth_looked_at(effort, names, manifest.pair)
-        for place, name in enumerate(names):
-            noise = NOISE_OF_OTHERS if is_last and name not in manifest.pair else NOISE
-            picture = np.roll(seen[place], PAN * is_last, axis=1)
-            picture = _changed(picture, place, number, max(0, number - still), noise)
-            color[name] = EncodedPicture(encoding=PictureEncoding.JPEG, data=encode_jpeg(picture))
-            if name in deep and name in manifest.depth_ids:
-                data = encode_png(maps[place])
-                depth[name] = EncodedPicture(encoding=PictureEncoding.PNG, data=data)
-        decoded, _ = frames.decode(color, depth)
-        frame = frames.frame(number, decoded, depth=deep)
-        images = worker.take(frame, effort=effort).images
-        made = FinishedFrame(
-            left=images[left], right=images[right], observed=None,
-            frame_index=number, position=number, capture_time_ns=number,
-        )  # fmt: skip
-        encoder.encode(made.coded, number)
-    encoder.close()
+    with closing(LiveEncoder(fps=manifest.fps, layout=StereoLayout.SBS)) as encoder:
+        for number, effort in enumerate(each):
+            is_last = number == len(each) - 1
+            color, depth = {}, {}
+            deep = depth_looked_at(effort, names, manifest.pair)
+            for place, name in enumerate(names):
+                noise = NOISE_OF_OTHERS if is_last and name not in manifest.pair else NOISE
+                picture = np.roll(seen[place], PAN * is_last, axis=1)
+                picture = _changed(picture, place, number, max(0, number - still), noise)
+                color[name] = EncodedPicture(
+                    encoding=PictureEncoding.JPEG, data=encode_jpeg(picture)
+                )
+                if name in deep and name in manifest.depth_ids:
+                    data = encode_png(maps[place])
+                    depth[name] = EncodedPicture(encoding=PictureEncoding.PNG, data=data)
+            decoded, _ = frames.decode(color, depth)
+            frame = frames.frame(number, decoded, depth=deep)
+            images = worker.take(frame, effort=effort).images
+            made = FinishedFrame(
+                left=images[left], right=images[right], observed=None,
+                frame_index=number, position=number, capture_time_ns=number,
+            )  # fmt: skip
+            encoder.encode(made.coded, number)
 
 
 def _changed(picture: Picture, place: int, number: int, moved: int, noise: float) -> Picture:

@@ -92,6 +92,19 @@ def test_leases_run_out_unless_renewed(store, clock):
     assert [item.id for item in store.expired()] == [job.id]
 
 
+def test_a_job_compiles_until_its_first_frame_or_another_attempt(store):
+    job = _add(store)
+    store.take(30)
+    store.report(job.id, "Compiling", {})
+    assert store.job(job.id).compiling
+    store.report(job.id, "FrameFinished", {"done": 1, "total": 4})
+    assert not store.job(job.id).compiling
+    store.report(job.id, "Compiling", {})
+    store.act(job.id, Action.LOSE)
+    store.take(30)
+    assert not store.job(job.id).compiling
+
+
 def test_a_late_word_of_an_old_attempt_is_not_heard(store):
     job = _add(store)
     old = store.take(30).attempt
