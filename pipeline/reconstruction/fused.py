@@ -130,7 +130,7 @@ class FusedTuning:
     stretch: float | None = None
     """How many times as far as the step before it the last one goes, if need be; None: as far as
     its direction tells, which costs a multiplication by the matrix."""
-    settled: float = 0.06
+    settled: float = 0.05
     """Share of its first gradient at which a descent has come far enough, at noise 1 and σ_psf
     1; …"""
     settled_psf_powers: tuple[float, float] = (2.0, -1.0)
@@ -404,7 +404,7 @@ def fuse(
     is_alone = len(registered) == 1
     steps_alone = tuning.only if is_alone else int(tuning.alone / noise)
     if steps_alone > 0:
-        system.gather_regular(own.observed, grid)
+        system.gather([(*points[reference], own.observed, ones)])
         estimate = solve(estimate, steps_alone, most_steps if is_alone else None)
     weights: list[npt.NDArray[np.float32]] = [ones] * len(registered)
     flags = [view.flags.copy() for view in registered]

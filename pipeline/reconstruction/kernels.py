@@ -11,27 +11,25 @@ import numpy as np
 from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
+from pipeline.reconstruction.half_pixels import LATTICE
 from pipeline.reconstruction.rows import copy_row, mirror
-from pipeline.reconstruction.simd import (
-    CELL,
-    LANES,
-    TOGETHER,
-    add_nine,
-    planes_of_eight,
-    sample_eight,
-)
-
-NUM_TAPS = 12
-"""Numbers that tell what an observation adds."""
-
-NUM_COUPLINGS = 13
-"""Unique couplings of a 5 × 5 symmetric stencil: itself, 2 to the right, 5 + 5 below."""
+from pipeline.reconstruction.simd import LANES, TOGETHER, add_observation, sample_eight
 
 SMALLEST_WEIGHT = 0.01
 """Observations of no more weight are not worth their time."""
 
 LARGEST_UNIT = 65535.0
-"""Couplings are kept as 16-bit shares of the largest one in their row."""
+"""Masses are kept as 16-bit shares of the largest one in their row."""
+
+KEPT = 2
+"""HR rows of sums that one tile hands on to the next."""
+
+MARGIN = 4
+"""Numbers of b kept beside the pixels of a row while it is gathered: one before the first."""
+
+QUARTERS = 4
+"""Parts of a stretch whose observations are added in turn: those beside each other land beside each
+other, and a sum is not read just after it was written."""
 
 
 @njit(**OPTIONS)
@@ -47,8 +45,8 @@ def landing_rows(position_y, weight, height, first, last):
     first, last : (H, ⌈W / TOGETHER⌉) int32
         Overwritten; first > last where none lands inside.
     """
-    smallest, half = np.float32(SMALLEST_WEIGHT), np.float32(0.5)
-    below, above, top = np.float32(height), np.float32(-1.0), np.int32(height)
+    smallest, half, nothing = np.float32(SMALLEST_WEIGHT), np.float32(0.5), np.float32(0.0)
+    below, top = np.float32(height) - half, np.int32(height)
     for row in range(first.shape[0]):
         for stretch in range(first.shape[1]):
             start = stretch * TOGETHER
@@ -57,10 +55,10 @@ def landing_rows(position_y, weight, height, first, last):
             low, high = top, np.int32(-1)
             for k in range(points.size):
                 y = points[k]
-                is_in = (weights[k] > smallest) & (y > above) & (y < below)
-                nearest = np.int32(np.floor((y if is_in else above) + half))
+                is_in = (weights[k] > smallest) & (y >= -half) & (y < below)
+                nearest = np.int32((y if is_in else nothing) + half)
                 low = min(low, nearest if is_in else top)
-                high = max(high, nearest)
+                high = max(high, nearest if is_in else np.int32(-1))
             first[row, stretch], last[row, stretch] = low, high
 
 
@@ -75,12 +73,14 @@ def _spline(t):
 
 @njit(**OPTIONS)
 def gather_observations(
-    position_x, position_y, observed, weight, first, last, level, lo, hi, height, width, cells
-):
-    """Add the normal equations of one view's observations to the cells of HR rows, in place.
+    position_x, position_y, observed, weight, first, last, level, lo, hi, height, width, sums,
+    values,
+):  # fmt: skip
+    """Add one view's observations to the sums of HR rows, in place.
 
     Each observation is a quadratic B-spline sample of the blurred estimate: nine taps s around
-    the nearest HR pixel. The cells get w·s·sᵀ and w·s·y, see :func:`simd.add_nine`.
+    the nearest HR pixel, and adds w·s·y to b. Its weight is shared by the four places of the
+    half-pixel lattice around it, linearly.
 
     Parameters
     ----------
@@ -96,12 +96,15 @@ def gather_observations(
         HR rows, half-open, to which the observations are nearest that are added.
     height, width : int
         KH, KW.
-    cells : (≥ (hi − lo + 2)·(KW + 2)·CELL,) float32
-        Rows ``lo`` − 1 to ``hi`` + 1, columns −1 to KW + 1.
+    sums : (2 rows, 2·KW) float32
+        Of weights, on the half-pixel lattice of the at least hi − lo + KEPT rows from ``lo`` − 1.
+    values : (rows, KW + MARGIN) float32
+        b of these rows.
     """
-    stride = (width + 2) * CELL
-    taps = np.empty(NUM_TAPS * TOGETHER, np.float32)
-    places = np.empty(TOGETHER, np.int32)
+    flat, flat_values = sums.reshape(-1), values.reshape(-1)
+    along, of_rows = np.zeros(4 * TOGETHER, np.float32), np.zeros(4 * TOGETHER, np.float32)
+    shares = np.empty(4 * TOGETHER, np.float32)
+    to_weights, to_values = np.empty(TOGETHER, np.int32), np.empty(TOGETHER, np.int32)
     for row in range(first.shape[0]):
         for stretch in range(first.shape[1]):
             if last[row, stretch] < lo or first[row, stretch] >= hi:
@@ -110,40 +113,48 @@ def gather_observations(
             end = min(start + TOGETHER, observed.shape[1])
             _weigh_taps(
                 position_x[row, start:end], position_y[row, start:end], observed[row, start:end],
-                weight[row, start:end], level, lo, hi, height, width, places, taps,
+                weight[row, start:end], level, lo, hi, height, width, to_weights, to_values, along,
+                of_rows, shares,
             )  # fmt: skip
-            for k in range(end - start):
-                if places[k] >= 0:
-                    add_nine(cells, places[k], stride, taps, k)
+            quarter = (end - start + QUARTERS - 1) // QUARTERS
+            for near in range(quarter):
+                for k in range(near, end - start, quarter):
+                    if to_values[k] >= 0:
+                        add_observation(
+                            flat, to_weights[k], 2 * width, flat_values, to_values[k],
+                            width + MARGIN, along, of_rows, shares, 4 * k,
+                        )  # fmt: skip
 
 
 @njit(**LEAN)
 def _weigh_taps(
-    position_x, position_y, observed, weight, level, lo, hi, height, width, places, taps
-):
-    """Write where observations land and what they add there; see :func:`gather_observations`.
+    position_x, position_y, observed, weight, level, lo, hi, height, width, to_weights, to_values,
+    along, of_rows, shares,
+):  # fmt: skip
+    """Write where observations are added and what; see :func:`gather_observations`.
 
-    Without a branch, and what is read or written lies at known distances, so that eight are
+    Without a branch, and what is read or written lies at known distances, so that many are
     worked on at once.
 
     Parameters
     ----------
     position_x, position_y, observed, weight : (≤ TOGETHER,) float32
-    places : (TOGETHER,) int32
-        The first number of the first of nine cells, negative where the observation is left out.
-    taps : (NUM_TAPS · TOGETHER,) float32
-        What :func:`simd.add_nine` takes.
+    to_weights, to_values : (TOGETHER,) int32
+        The first of the weights and of b, negative where the observation is left out.
+    along, of_rows, shares : (4 · TOGETHER,) float32
+        What :func:`simd.add_observation` takes.
     """
-    half, nothing = np.float32(0.5), np.float32(0.0)
+    half, one, two, nothing = (np.float32(0.5), np.float32(1.0), np.float32(2.0), np.float32(0.0))
     smallest = np.float32(SMALLEST_WEIGHT)
-    top, bottom = np.float32(max(lo, 0)), np.float32(min(hi, height) - 1)
     right, under = np.float32(width - 1), np.float32(height - 1)
-    above, pitch = np.int32(lo), np.int32(width + 2)
+    top, bottom = np.float32(max(lo, 0)), np.float32(min(hi, height) - 1)
+    above, size, line = np.int32(lo - 1), np.int32(2 * width), np.int32(width + MARGIN)
     for k in range(weight.size):
-        w = weight[k]
-        px, py = position_x[k], position_y[k]
+        w, px, py = weight[k], position_x[k], position_y[k]
         fx, fy = np.floor(px + half), np.floor(py + half)
         is_in = (w > smallest) & (fx >= nothing) & (fx <= right) & (fy >= top) & (fy <= bottom)
+        px, py = px if is_in else nothing, py if is_in else top
+        fx, fy = fx if is_in else nothing, fy if is_in else top
         x0, x1, x2 = _spline(px - fx)
         y0, y1, y2 = _spline(py - fy)
         # at the very border taps fold onto the image: reflection about the edge
@@ -155,111 +166,100 @@ def _weigh_taps(
         y0 = nothing if fy == nothing else y0
         y1 = y1 + y2 if fy == under else y1
         y2 = nothing if fy == under else y2
-        w0, w1, w2 = w * y0, w * y1, w * y2
         value = w * (observed[k] - level)
-        column, row = np.int32(fx if is_in else nothing), np.int32(fy if is_in else top)
-        cell = np.int32(CELL) * ((row - above) * pitch + column)
-        places[k] = cell if is_in else np.int32(-1)
-        taps[k] = x0
-        taps[TOGETHER + k] = x1
-        taps[2 * TOGETHER + k] = x2
-        taps[3 * TOGETHER + k] = w0 * y0
-        taps[4 * TOGETHER + k] = w0 * y1
-        taps[5 * TOGETHER + k] = w0 * y2
-        taps[6 * TOGETHER + k] = w1 * y1
-        taps[7 * TOGETHER + k] = w1 * y2
-        taps[8 * TOGETHER + k] = w2 * y2
-        taps[9 * TOGETHER + k] = value * y0
-        taps[10 * TOGETHER + k] = value * y1
-        taps[11 * TOGETHER + k] = value * y2
+        along[4 * k] = x0
+        along[4 * k + 1] = x1
+        along[4 * k + 2] = x2
+        along[4 * k + 3] = nothing
+        of_rows[4 * k] = value * y0
+        of_rows[4 * k + 1] = value * y1
+        of_rows[4 * k + 2] = value * y2
+        of_rows[4 * k + 3] = nothing
+        first = (np.int32(fy) - np.int32(1) - above) * line + np.int32(fx)
+        to_values[k] = first if is_in else np.int32(-1)
+        # beyond the outermost pixels lies what they are
+        u = two * min(max(px, nothing), right)
+        v = two * min(max(py, nothing), under)
+        fu, fv = np.floor(u), np.floor(v)
+        u, v = u - fu, v - fv
+        upper, lower = w * (one - v), w * v
+        shares[4 * k] = upper * (one - u)
+        shares[4 * k + 1] = upper * u
+        shares[4 * k + 2] = lower * (one - u)
+        shares[4 * k + 3] = lower * u
+        to_weights[k] = (np.int32(fv) - np.int32(2) * above) * size + np.int32(fu)
 
 
 @njit(**OPTIONS)
-def spread_cells(cells, top, lo, hi, width, couplings, units, rhs):
-    """Write gathered cells as planes, of which the sweeps read eight pixels at once.
+def spread_sums(sums, values, top, lo, hi, masses, units, rhs):
+    """Write what has been gathered as the sweeps read it.
 
     Parameters
     ----------
-    cells : float32
-        Of :func:`gather_observations`, from HR row ``top`` to at least two rows below ``hi``.
-    couplings : (13, KH + 4, ≥ KW + 12) uint16
-        Padded by two in front. Plane 0: pixel with itself; 1, 2: one and two to the right;
-        3…7: one row below, x −2…2; 8…12: two rows below, x −2…2. Rows ``lo`` to ``hi``
-        are overwritten.
-    units : (KH + 4,) float32
-        Padded by two: what one is worth in each row.
+    sums, values : float32
+        Of :func:`gather_observations`, from HR row ``top`` on.
+    masses : (KH, 4, KW + TAIL) uint16
+        Weight at each place of the half-pixel lattice; zero behind the last pixel. Rows ``lo`` to
+        ``hi`` are overwritten.
+    units : (KH,) float32
+        What one is worth in each row.
     rhs : (KH, KW) float32
+        b.
     """
-    plane, pitch = couplings.shape[1] * couplings.shape[2], couplings.shape[2]
-    flat = couplings.reshape(-1)
-    line = np.empty(width + LANES, np.float32)
-    bits, largest = cells.view(np.int32), np.empty(1, np.int32)
-    own, below = _largest(bits, lo - top, width), _largest(bits, lo - top + 1, width)
+    width = rhs.shape[1]
+    of_bits, bits = sums.view(np.int32), np.empty(1, np.int32)
     for y in range(lo, hi):
-        # no coupling exceeds both of its pixels' couplings with themselves
-        far = _largest(bits, y - top + 2, width)
-        largest[0] = max(max(own, below), far)
-        own, below = below, far
-        unit = largest.view(np.float32)[0] / np.float32(LARGEST_UNIT)
-        base = ((y - top) * (width + 2) + 1) * CELL
-        units[y + 2] = unit
-        inverse = np.float32(1.0) / unit if unit > 0 else np.float32(0.0)
-        to = (y + 2) * pitch + 2
-        for x in range(0, width, LANES):
-            planes_of_eight(cells, base + x * CELL, inverse, flat, to + x, plane, line, x)
-        copy_row(line[:width], rhs[y])
-
-
-@njit(**OPTIONS)
-def pass_on(cells, rows, width):
-    """Make the last two of so many rows of cells the first two, and empty the others."""
-    size = (width + 2) * CELL
-    for k in range(2 * size):
-        cells[k] = cells[(rows - 2) * size + k]
-    cells[2 * size :] = 0
+        row = y - top
+        # no weight is negative: their bits are in their order, and many are compared at once
+        bits[0] = max(_largest(of_bits[2 * row]), _largest(of_bits[2 * row + 1]))
+        largest = bits.view(np.float32)[0]
+        units[y] = largest / np.float32(LARGEST_UNIT)
+        inverse = np.float32(LARGEST_UNIT) / largest if largest > 0 else np.float32(0.0)
+        for number in range(LATTICE):
+            line = sums[2 * row + number // 2, number % 2 :]
+            _round_every_other(line, inverse, masses[y, number, :width])
+        copy_row(values[row, 1 : 1 + width], rhs[y])
 
 
 @njit(**LEAN)
-def _largest(bits, row, width):
-    """Return the bits of the largest coupling of a pixel with itself in a row of cells.
-
-    They are in the order of the numbers, none of which is negative: many are compared at once.
-    """
-    line = bits[(row * (width + 2) + 1) * CELL :]
+def _largest(numbers):
     largest = np.int32(0)
-    for x in range(width):
-        largest = max(largest, line[x * CELL])
+    for x in range(numbers.size):
+        largest = max(largest, numbers[x])
     return largest
 
 
+@njit(**LEAN)
+def _round_every_other(row, factor, out):
+    for x in range(out.size):
+        out[x] = np.uint16(np.int32(row[2 * x] * factor + np.float32(0.5)))
+
+
 @njit(**OPTIONS)
-def gather_regular(observed, level, column, taps_x, row, taps_y, rhs):
-    """Add s·y of observations at regular places to the right-hand side, in place.
+def pass_on(gathered, rows, kept):
+    """Make the last rows of so many the first ones, so many of them, and empty the others."""
+    for row in range(kept):
+        copy_row(gathered[rows - kept + row], gathered[row])
+    gathered[kept:] = 0
+
+
+@njit(**OPTIONS)
+def sum_places(masses, units, lo, hi, out):
+    """Write the weight of the places of the lattice that belong to each HR pixel.
 
     Parameters
     ----------
-    observed : (H, W) float32
-    level : float32
-        Subtracted from what is observed, grey levels.
-    column, row : (W,), (H,) int64
-        HR pixel nearest to each.
-    taps_x, taps_y : (W, 3), (H, 3) float32
-        Folded at the border.
-    rhs : (KH, KW) float32
+    masses, units
+        Of :func:`spread_sums`.
+    out : (KH, KW) float32
+        Rows ``lo`` to ``hi`` are overwritten.
     """
-    height, width = rhs.shape
-    for i in range(observed.shape[0]):
-        for a in range(3):
-            y = row[i] + a - 1
-            if y < 0 or y >= height:
-                continue
-            line, down = rhs[y], taps_y[i, a]
-            for j in range(observed.shape[1]):
-                value = down * (observed[i, j] - level)
-                for b in range(3):
-                    x = column[j] + b - 1
-                    if 0 <= x < width:
-                        line[x] += value * taps_x[j, b]
+    for y in range(lo, hi):
+        line, unit = out[y], units[y]
+        own, right, below, both = masses[y, 0], masses[y, 1], masses[y, 2], masses[y, 3]
+        for x in range(line.size):
+            whole = np.int32(own[x]) + np.int32(right[x]) + np.int32(below[x]) + np.int32(both[x])
+            line[x] = unit * np.float32(whole)
 
 
 @njit(**OPTIONS)

@@ -34,9 +34,6 @@ SURROUNDINGS = 1.2
 REACH = filter_kernels.HALO
 """Pixels to each side that tell what becomes of one, without the number of views."""
 
-ONE_VIEW = 0.3525
-"""Density that an LR pixel makes at the HR pixel it lies on."""
-
 TRUST = 0.65
 """Share of its correction that a result gets: pictures are not those that were learned from. Below
 noise …"""
@@ -224,4 +221,4 @@ def views_seen(density: GreyImage, magnification: int) -> npt.NDArray[np.float32
         K; the mean is taken over about one LR pixel.
     """
     around = cv2.GaussianBlur(density, (0, 0), float(magnification))
-    return around * np.float32(magnification**2 / ONE_VIEW)
+    return around * np.float32(magnification**2)

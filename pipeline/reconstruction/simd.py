@@ -18,11 +18,8 @@ LANES = 8
 WIDE = 16
 """The same where all is arithmetic, for processors that have such vectors."""
 
-CELL = 16
-"""Numbers kept for each HR pixel while observations are gathered, see :func:`add_nine`."""
-
 TOGETHER = 128
-"""Observations whose taps are worked out together, before they are added one by one."""
+"""Observations whose taps or places are worked out together, before they are used one by one."""
 
 PATCH = 7
 """Side of the patches of :func:`weigh_patches` and :func:`weigh_patch`, pixels."""
@@ -91,64 +88,45 @@ def _data(context, builder, signature, arguments, number: int):
 
 
 @intrinsic
-def add_nine(typing_context, cells, at, stride, taps, first):
-    """Add one observation to the cells of the nine HR pixels around it, in place.
-
-    Cell (a, b) gets w · y_a · x_b · (y_a x_b … y_{a+2} x_{b+2}): numbers 0 to 12 are the
-    pixel's couplings in the order of the planes of ``kernels.spread_cells``; number 13 gets
-    w · y_a · x_b times the grey level.
+def add_observation(
+    typing_context, sums, at, pitch, values, to, line, along, of_rows, shares, first
+):
+    """Add one observation to four weights and to nine values, in place.
 
     Parameters
     ----------
-    cells : float32 array
-    at, stride : intp
-        Of the first of the nine cells; from a row of cells to the next.
-    taps : float32 array
-        x₀ x₁ x₂, with w in front y₀y₀ y₀y₁ y₀y₂ y₁y₁ y₁y₂ y₂y₂, and with the grey level too
-        y₀ y₁ y₂, ``TOGETHER`` apart. What is in memory is spread over lanes as it is loaded,
-        which costs next to nothing.
+    sums : float32 array
+    at, pitch : intp
+        Of the first of two weights; to the two in the next row.
+    values : float32 array
+    to, line : intp
+        Of the first of three values, of which a fourth stays as it is; from row to row.
+    along, of_rows, shares : float32 array
+        x₀ x₁ x₂ 0, what these are multiplied by in each of three rows and nothing, four weights.
     first : intp
-        Of the observation's first number.
+        Of the observation's first number in each of these.
     """
-    signature = types.void(cells, types.intp, types.intp, taps, types.intp)
+    signature = types.void(
+        sums, types.intp, types.intp, values, types.intp, types.intp, along, of_rows, shares,
+        types.intp,
+    )  # fmt: skip
 
     def generate(context, builder, signature, arguments):
-        cell = _Vectors(builder, CELL)
-        data, numbers = (_data(context, builder, signature, arguments, n) for n in (0, 3))
-        start, stride, first = arguments[1], arguments[2], arguments[4]
-
-        def number(place: int):
-            where = builder.add(first, ir.Constant(first.type, TOGETHER * place))
-            return builder.load(builder.gep(numbers, [where]))
-
-        x = [number(b) for b in range(3)]
-        taps = cell.zeros
-        for lane, tap_x in enumerate((*x, ir.Constant(_FLOAT, 1.0))):
-            taps = builder.insert_element(taps, tap_x, ir.Constant(_WORD, lane))
-
-        def tap(column: int) -> int:
-            return column if 0 <= column <= 2 else CELL  # beyond: the zero of the other vector
-
-        across = []
-        for b in range(3):
-            below = [tap(b + d) for d in range(-2, 3)]
-            lanes = [tap(b), tap(b + 1), tap(b + 2), *below, *below, 3, CELL, CELL]
-            across.append(cell.times(cell.choose(taps, cell.zeros, lanes), cell.spread(x[b])))
-        place = 3
-        for a in range(3):
-            rows = [cell.zeros] * 3
-            for d in range(3 - a):
-                rows[d] = cell.spread(number(place))
-                place += 1
-            near = cell.choose(rows[0], rows[1], [*range(3), *range(CELL + 3, 2 * CELL)])
-            far = cell.choose(
-                rows[2], cell.spread(number(9 + a)), [*range(13), *range(CELL + 13, 2 * CELL)]
-            )
-            down = cell.choose(near, far, [*range(8), *range(CELL + 8, 2 * CELL)])
-            line = builder.add(start, builder.mul(stride, ir.Constant(stride.type, a)))
-            for b in range(3):
-                before = cell.load(data, line, CELL * b)
-                cell.store(cell.add(before, cell.times(down, across[b])), data, line, CELL * b)
+        four, two = _Vectors(builder, 4), _Vectors(builder, 2)
+        weights, data, taps, factors, parts = (
+            _data(context, builder, signature, arguments, n) for n in (0, 3, 6, 7, 8)
+        )
+        at, pitch, to, line, first = (arguments[n] for n in (1, 2, 4, 5, 9))
+        across = four.load(taps, first)
+        for row in range(3):
+            where = builder.add(first, ir.Constant(first.type, row))
+            factor = four.spread(builder.load(builder.gep(factors, [where])))
+            four.store(four.add(four.load(data, to), four.times(across, factor)), data, to)
+            to = builder.add(to, line)
+        for row in range(2):
+            share = two.load(parts, first, 2 * row)
+            two.store(two.add(two.load(weights, at), share), weights, at)
+            at = builder.add(at, pitch)
         return context.get_dummy_value()
 
     return signature, generate
@@ -219,113 +197,141 @@ def sample_eight(typing_context, image, places, pitch, taps, first, out):
 
 
 @intrinsic
-def planes_of_eight(typing_context, cells, at, inverse, planes, to, plane, values, to_value):
-    """Turn the cells of eight pixels into eight entries of each plane.
+def vertical_wide(
+    typing_context, image, above, own, below, middle, side, half, out, to_own, to_between
+):
+    """Write sixteen spline samples along y at a row, and half-way to the next one.
 
     Parameters
     ----------
-    cells : float32 array
-        Of :func:`add_nine`.
-    at : intp
-        Of the first cell.
-    inverse : float32
-        Couplings are multiplied by it, and rounded.
-    planes : uint16 array
-    to, plane : intp
-        Of the first of the eight in plane 0; from plane to plane.
-    values, to_value : float32 array, intp
-        Where the last number of the cells goes.
+    image : float32 array
+    above, own, below : intp
+        Of the first pixel in the row above, this one and the row below.
+    middle, side, half : float32
+        The taps.
+    out, to_own, to_between : float32 array, intp, intp
+        Where the results go.
     """
     signature = types.void(
-        cells, types.intp, types.float32, planes, types.intp, types.intp, values, types.intp
+        image, *(types.intp,) * 3, *(types.float32,) * 3, out, types.intp, types.intp
     )
-    last = 13
 
     def generate(context, builder, signature, arguments):
-        eight = _Vectors(builder)
-        source, target, right = (
-            _data(context, builder, signature, arguments, number) for number in (0, 3, 6)
-        )
-        at, to, plane = arguments[1], arguments[4], arguments[5]
-        inverse = eight.spread(arguments[2])
-        half = eight.halves
-        for part in range(2):
-            rows = [eight.load(source, at, CELL * pixel + LANES * part) for pixel in range(LANES)]
-            for _ in range(3):  # three perfect shuffles transpose eight by eight
-                pairs = [(rows[i], rows[i + 4]) for i in range(4)]
-                low = [lane // 2 + LANES * (lane % 2) for lane in range(LANES)]
-                high = [number + 4 for number in low]
-                rows = [eight.choose(*pair, lanes) for pair in pairs for lanes in (low, high)]
-            for lane, row in enumerate(rows):
-                number = LANES * part + lane
-                if number == last:
-                    eight.store(row, right, arguments[7])
-                if number >= last:
-                    continue
-                whole = builder.fptosi(eight.add(eight.times(row, inverse), half), eight.words)
-                where = builder.add(to, builder.mul(plane, ir.Constant(plane.type, number)))
-                address = eight.place(target, where, kind=eight.shorts)
-                builder.store(builder.trunc(whole, eight.shorts), address, align=2)
+        wide = _Vectors(builder, WIDE)
+        data, result = (_data(context, builder, signature, arguments, n) for n in (0, 7))
+        first, centre, last = (wide.load(data, place) for place in arguments[1:4])
+        middle, side, half = (wide.spread(tap) for tap in arguments[4:7])
+        at = wide.add(wide.times(wide.add(first, last), side), wide.times(centre, middle))
+        wide.store(at, result, arguments[8])
+        wide.store(wide.times(wide.add(centre, last), half), result, arguments[9])
         return context.get_dummy_value()
 
     return signature, generate
 
 
 @intrinsic
-def stencil_wide(
-    typing_context, couplings, at, plane, pitch, s0, s1, s2, image, g0, g1, g2, g3, g4, out, to
+def weigh_wide(
+    typing_context, image, own, between, middle, side, half, masses, at, plane, to, pitch
 ):
-    """Write the symmetric 5 × 5 stencil at sixteen pixels of a row.
+    """Write sixteen times four weighted spline samples along x, of samples along y.
 
     Parameters
     ----------
-    couplings : uint16 array
-        Thirteen planes, see ``kernels.spread_cells``.
-    at, plane, pitch : intp
-        Of the first pixel in plane 0; from plane to plane; from row to row.
-    s0, s1, s2 : float32
-        What a unit of the couplings is worth: in this row, one above, two above.
     image : float32 array
-    g0 … g4 : intp
-        Of the first pixel in the rows two above to two below.
-    out, to : float32 array, intp
-        Where the result goes.
+    own, between : intp
+        Of the first sample at the row, and of that half-way to the next one.
+    middle, side, half : float32
+        The taps.
+    masses : uint16 array
+    at, plane : intp
+        Of the first pixel's weight at the first place of the lattice; from place to place.
+    to, pitch : intp
+        Where the results go in ``image``; from place to place.
     """
     signature = types.void(
-        couplings, *(types.intp,) * 3, *(types.float32,) * 3, image, *(types.intp,) * 5,
-        out, types.intp,
-    )  # fmt: skip
+        image, types.intp, types.intp, *(types.float32,) * 3, masses, *(types.intp,) * 4
+    )
 
     def generate(context, builder, signature, arguments):
         wide = _Vectors(builder, WIDE)
-        planes, pixels, result = (
-            _data(context, builder, signature, arguments, number) for number in (0, 7, 13)
-        )
-        first, plane, pitch = arguments[1:4]
-        units, rows, to = arguments[4:7], arguments[8:13], arguments[14]
+        data, weights = (_data(context, builder, signature, arguments, n) for n in (0, 6))
+        middle, side, half = (wide.spread(tap) for tap in arguments[3:6])
+        at, plane, to, pitch = arguments[7:11]
+        for row in arguments[1:3]:
+            left, centre, right = (wide.load(data, row, dx) for dx in (-1, 0, 1))
+            here = wide.add(wide.times(wide.add(left, right), side), wide.times(centre, middle))
+            for sample in (here, wide.times(wide.add(centre, right), half)):
+                wide.store(wide.times(sample, wide.load_shorts(weights, at)), data, to)
+                at, to = builder.add(at, plane), builder.add(to, pitch)
+        return context.get_dummy_value()
 
-        def coupling(number: int, up: int, dx: int):
-            where = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
-            where = builder.sub(where, builder.mul(pitch, ir.Constant(pitch.type, up)))
-            return wide.load_shorts(planes, where, dx)
+    return signature, generate
 
-        def pixel(row: int, dx: int):
-            return wide.load(pixels, rows[row], dx)
 
-        own = wide.times(coupling(0, 0, 0), pixel(2, 0))
-        below, above, far = wide.zeros, wide.zeros, wide.zeros
-        for d in (1, 2):
-            own = wide.add(own, wide.times(coupling(d, 0, 0), pixel(2, d)))
-            below = wide.add(below, wide.times(coupling(d, 0, -d), pixel(2, -d)))
-        for d in range(-2, 3):
-            own = wide.add(own, wide.times(coupling(5 + d, 0, 0), pixel(3, d)))
-            below = wide.add(below, wide.times(coupling(10 + d, 0, 0), pixel(4, d)))
-            above = wide.add(above, wide.times(coupling(5 + d, 1, -d), pixel(1, -d)))
-            far = wide.add(far, wide.times(coupling(10 + d, 2, -d), pixel(0, -d)))
-        total = wide.times(wide.add(own, below), wide.spread(units[0]))
-        total = wide.add(total, wide.times(above, wide.spread(units[1])))
-        total = wide.add(total, wide.times(far, wide.spread(units[2])))
-        wide.store(total, result, to)
+@intrinsic
+def collect_wide(typing_context, image, at, pitch, middle, side, half, out, to_own, to_between):
+    """Write what four places of the lattice add along x to sixteen pixels.
+
+    Parameters
+    ----------
+    image : float32 array
+    at, pitch : intp
+        Of the first pixel at the first place; from place to place.
+    middle, side, half : float32
+        The taps.
+    out, to_own, to_between : float32 array, intp, intp
+        Where what the first two places add goes, and what the last two do.
+    """
+    signature = types.void(
+        image, types.intp, types.intp, *(types.float32,) * 3, out, types.intp, types.intp
+    )
+
+    def generate(context, builder, signature, arguments):
+        wide = _Vectors(builder, WIDE)
+        data, result = (_data(context, builder, signature, arguments, n) for n in (0, 6))
+        at, pitch = arguments[1:3]
+        middle, side, half = (wide.spread(tap) for tap in arguments[3:6])
+        for to in arguments[7:9]:
+            left, centre, right = (wide.load(data, at, dx) for dx in (-1, 0, 1))
+            at = builder.add(at, pitch)
+            between = wide.add(wide.load(data, at, -1), wide.load(data, at))
+            at = builder.add(at, pitch)
+            total = wide.add(wide.times(wide.add(left, right), side), wide.times(centre, middle))
+            wide.store(wide.add(total, wide.times(between, half)), result, to)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def join_wide(
+    typing_context, image, above, own, below, here, before, middle, side, half, of_before,
+    out, to,
+):  # fmt: skip
+    """Write what the lattice adds along y to sixteen pixels.
+
+    Parameters
+    ----------
+    image : float32 array
+    above, own, below : intp
+        Of the first pixel in what three rows add.
+    here, before : intp
+        In what lies between this row and the next one, and between this one and that before.
+    middle, side, half, of_before : float32
+        Taps of those three, and of these two.
+    out, to : float32 array, intp
+        Where the result goes.
+    """
+    signature = types.void(image, *(types.intp,) * 5, *(types.float32,) * 4, out, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        wide = _Vectors(builder, WIDE)
+        data, result = (_data(context, builder, signature, arguments, n) for n in (0, 10))
+        above, own, below, here, before = (wide.load(data, place) for place in arguments[1:6])
+        middle, side, half, of_before = (wide.spread(tap) for tap in arguments[6:10])
+        total = wide.add(wide.times(wide.add(above, below), side), wide.times(own, middle))
+        halves = wide.add(wide.times(here, half), wide.times(before, of_before))
+        wide.store(wide.add(total, halves), result, arguments[11])
         return context.get_dummy_value()
 
     return signature, generate
@@ -567,7 +573,7 @@ def round_wide(typing_context, sums, at, out, to):
 
 @intrinsic
 def weigh_patches(typing_context, image, at, pitch, taps, kinds, first, out):
-    """Write the sums of the pixels of eight patches beside each other, each times its tap.
+    """Write the sums of the pixels of eight patches side each other, each times its tap.
 
     Parameters
     ----------

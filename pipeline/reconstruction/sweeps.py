@@ -1,6 +1,6 @@
 """Compiled sweeps over bands of HR rows: the system's matrix, the preconditioner, the steps.
 
-A sweep lets rows stream through blur, stencil, blur and prior while they are in the
+A sweep lets rows stream through blur, lattice, blur and prior while they are in the
 processor's cache: each array is read or written once. A band computes the rows that it needs
 of its neighbours anew, so that bands may run side by side, and no sum depends on how many do; what
 it changes it changes in place, and reads of its neighbours what was set aside before.
@@ -13,6 +13,17 @@ import numpy as np
 from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
+from pipeline.reconstruction.half_pixels import (
+    COEFFICIENTS,
+    NUM_LINES,
+    NUM_STRIP_LINES,
+    STRIP_PITCH,
+    TAIL,
+    join_row,
+    pitch_of,
+    sample_row,
+    start_of,
+)
 from pipeline.reconstruction.rows import blur_ring, blur_row, copy_row, dot_row, sum_row
 from pipeline.reconstruction.simd import (
     WIDE,
@@ -20,15 +31,11 @@ from pipeline.reconstruction.simd import (
     pull_wide,
     round_wide,
     shares_wide,
-    stencil_wide,
     three_wide,
 )
 
 PAD = 2
 """Pixels before the first one of a row, and rows before the first row, of padded arrays."""
-
-TAIL = 18
-"""Numbers behind the last pixel of a row of a padded array, for loops by sixteens."""
 
 STRIP = 256
 """Columns for which the prior is weighed at once, about: the rows that are kept on the way then lie
@@ -45,53 +52,10 @@ FLOOR = 0.005
 together where nobody looks."""
 
 
-@njit(**LEAN)
-def _stencil(couplings, units, v, ring, above2, above, own, below, below2, width, out):
-    plane, pitch, length = (
-        couplings.shape[1] * couplings.shape[2],
-        couplings.shape[2],
-        ring.shape[1],
-    )
-    first = (v + PAD) * pitch + PAD
-    for x in range(0, width, WIDE):
-        at = PAD + x
-        stencil_wide(
-            couplings, first + x, plane, pitch, units[v + 2], units[v + 1], units[v], ring,
-            above2 * length + at, above * length + at, own * length + at,
-            below * length + at, below2 * length + at, out, x,
-        )  # fmt: skip
-
-
-@njit(**LEAN)
-def _regular_along_x(across, row, width, out):
-    """Write a row times the symmetric five-band matrix of samples at regular columns."""
-    a0, a1, a2 = across[0], across[1], across[2]
-    b1, b2 = across[3], across[4]
-    m1, m2, p1, p2 = row[1:], row, row[3:], row[4:]
-    own = row[2:]
-    for x in range(width):
-        out[x] = a2[x] * own[x] + (a1[x] * m1[x] + b1[x] * p1[x])
-    for x in range(width):
-        out[x] += a0[x] * m2[x] + b2[x] * p2[x]
-
-
-@njit(**LEAN)
-def _regular_along_y(down, ring, v, width, out):
-    """Write a row times the five-band matrix of samples at regular rows."""
-    lines = ring.shape[0]
-    out[:width] = np.float32(0.0)
-    for d in range(5):
-        factor = down[d, v]
-        if factor != 0:
-            line = ring[(v + d - 2) % lines]
-            for x in range(width):
-                out[x] += factor * line[PAD + x]
-
-
 @njit(**OPTIONS)
 def turn_and_apply(
-    sharpened, factor, direction, beyond, taps_x, taps_y, regular, across, down, couplings, units,
-    rhs, prior, strength, lo, hi, writes, out,
+    sharpened, factor, direction, beyond, taps_x, taps_y, masses, units, rhs, prior, strength, lo,
+    hi, writes, out,
 ):  # fmt: skip
     """Write the next conjugate direction p, and Bᵀ M B p, into rows ``lo`` to ``hi``.
 
@@ -103,15 +67,10 @@ def turn_and_apply(
         Rows of ``direction`` before ``lo`` and from ``hi`` on, see ``system.rows_beyond``.
     taps_x, taps_y : float32
         Half taps of B.
-    regular : bool
-        Whether M is that of samples at regular places, ``down`` ⊗ ``across``; else
-        it is ``couplings``.
-    across, down : (5, KW), (5, KH) float32
-        Couplings of each column (row) with those −2 … 2 beside it.
-    couplings : (13, KH + 4, ≥ KW + 2 + TAIL) uint16
-        Padded by two in front; see ``kernels.spread_cells``.
-    units : (KH + 4,) float32
-        What a unit of the couplings is worth in each row.
+    masses : (KH, 4, ≥ KW + TAIL) uint16
+        Weight of what was observed at each place of the half-pixel lattice.
+    units : (KH,) float32
+        What a unit of them is worth in each row.
     rhs : (KH, KW) float32
         b, where Bᵀ (b − M B p) is wanted; else empty.
     prior : (4, KH + 1, ≥ KW + 1 + TAIL) uint16
@@ -130,59 +89,60 @@ def turn_and_apply(
     width, reach = sharpened.shape[1], taps_y.size - 1
     lines = 2 * reach + 1
     return _turn_and_apply(
-        sharpened, factor, direction, beyond, taps_x, taps_y, regular, across, down, couplings,
-        units, rhs, prior, strength, lo, hi, writes, out,
+        sharpened, factor, direction, beyond, taps_x, taps_y, masses, units, rhs, prior, strength,
+        lo, hi, writes, out,
         np.empty((lines, width), np.float32), np.empty((lines, width), np.float32),
+        np.zeros(NUM_LINES * pitch_of(width), np.float32),
+        np.zeros(NUM_STRIP_LINES * STRIP_PITCH, np.float32),
         # the last of these lines stays zero: what lies outside the image
-        np.zeros((6, PAD + width + TAIL), np.float32), np.zeros((3, 1 + width + TAIL), np.float32),
+        np.zeros((3, 1 + width + TAIL), np.float32),
         np.empty(width + 2 * (taps_x.size - 1), np.float32), np.zeros(width + TAIL, np.float32),
     )  # fmt: skip
 
 
 @njit(**LEAN)
 def _turn_and_apply(
-    sharpened, factor, direction, beyond, taps_x, taps_y, regular, across, down, couplings, units,
-    rhs, prior, strength, lo, hi, writes, out, blurred, back, spline, around, room, line,
+    sharpened, factor, direction, beyond, taps_x, taps_y, masses, units, rhs, prior, strength, lo,
+    hi, writes, out, blurred, back, work, strip, around, room, line,
 ):  # fmt: skip
     height, width = sharpened.shape
     reach, lines = taps_y.size - 1, blurred.shape[0]
     length, plane, pitch = around.shape[1], prior.shape[1] * prior.shape[2], prior.shape[2]
     end_back = min(height, hi + reach)
     next_back = max(0, lo - reach)
-    end_spline = min(height, end_back + 2)
-    next_spline = max(0, next_back - 2)
-    end_blurred = min(height, end_spline + reach)
-    next_blurred = max(0, next_spline - reach)
+    # of the lattice, each row of it adds to the rows beside it, too
+    end_lattice, next_lattice = min(height, end_back + 1), max(0, next_back - 1)
+    end_spline, next_spline = min(height, end_lattice + 1), max(0, next_lattice - 1)
+    end_blurred, next_blurred = min(height, end_spline + reach), max(0, next_spline - reach)
     f, s = np.float32(factor), np.float32(strength)
     total = 0.0
     for y in range(lo, hi):
         while next_back < min(end_back, y + reach + 1):
             v = next_back
-            while next_spline < min(end_spline, v + 3):
-                while next_blurred < min(end_blurred, next_spline + reach + 1):
-                    _plus_row(
-                        sharpened[next_blurred], f, direction, beyond, next_blurred, lo, hi, line
-                    )
-                    blur_row(line[:width], taps_x, room, blurred[next_blurred % lines])
-                    next_blurred += 1
-                row = spline[next_spline % 5]
-                if regular:
-                    blur_ring(blurred, next_spline, taps_y, height, width, line[2:])
-                    line[:2] = 0
-                    line[2 + width : 4 + width] = 0
-                    _regular_along_x(across, line, width, row[PAD:])
-                else:
-                    blur_ring(blurred, next_spline, taps_y, height, width, row[PAD:])
-                next_spline += 1
-            if regular:
-                _regular_along_y(down, spline[:5], v, width, line)
-            else:
-                _stencil(
-                    couplings, units, v, spline,
-                    (v - 2) % 5 if v >= 2 else 5, (v - 1) % 5 if v >= 1 else 5, v % 5,
-                    (v + 1) % 5 if v + 1 < height else 5, (v + 2) % 5 if v + 2 < height else 5,
-                    width, line,
+            while next_lattice < min(end_lattice, v + 2):
+                while next_spline < min(end_spline, next_lattice + 2):
+                    while next_blurred < min(end_blurred, next_spline + reach + 1):
+                        _plus_row(
+                            sharpened[next_blurred],
+                            f,
+                            direction,
+                            beyond,
+                            next_blurred,
+                            lo,
+                            hi,
+                            line,
+                        )
+                        blur_row(line[:width], taps_x, room, blurred[next_blurred % lines])
+                        next_blurred += 1
+                    place = start_of(COEFFICIENTS + next_spline % 3, width)
+                    blur_ring(blurred, next_spline, taps_y, height, width, work[place:])
+                    next_spline += 1
+                sample_row(
+                    work, strip, next_lattice, height, width, masses[next_lattice],
+                    units[next_lattice],
                 )  # fmt: skip
+                next_lattice += 1
+            join_row(work, v, height, width, line)
             if rhs.size > 0:
                 _subtract(rhs[v], line)
             blur_row(line[:width], taps_x, room, back[v % lines])

@@ -4,12 +4,14 @@ Because the PSF is common to all views, an observation is a sample of *one* blur
 image g = B f, taken at its landing point (thesis Eq. 6, Eq. 8). Sampled with a quadratic
 B-spline of nine taps s, all observations together enter the normal equations
 
-    (Bᵀ M B + λ P) f = Bᵀ b,   M = Σ w s sᵀ,   b = Σ w s y,
+    (Bᵀ M B + λ P) f = Bᵀ b,   M = Σ w s sᵀ,   b = Σ w s y.
 
-where M is a symmetric 5 × 5 stencil on the HR grid: 13 numbers a pixel. An iteration
-then costs two separable blurs and one stencil, however many views there are. The pixels
-of the reference view itself lie at regular places: their M is a Kronecker product of two
-five-band matrices. The weighted graph Laplacian P is the edge-preserving prior.
+b is exact. In M each observation is shared, linearly, by the four places around it of a lattice of
+half HR pixels: M ≈ Sᵀ W S with S the samples there and W the weights that they have come to, four
+numbers a pixel. An iteration then costs two separable blurs and S forth and back, however many
+views there are. Since y is what is observed beyond what an estimate predicts, the gradient is exact
+where a descent from that begins, and only what is changed feels the lattice. The pixels of the
+reference view itself lie on it. The weighted graph Laplacian P is the edge-preserving prior.
 """
 
 from __future__ import annotations
@@ -22,12 +24,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.frames import GreyImage
-from pipeline.grid import Grid
 from pipeline.reconstruction import kernels, sweeps
+from pipeline.reconstruction.half_pixels import TAIL
 from pipeline.reconstruction.psf import SeparableTaps
-from pipeline.reconstruction.simd import CELL, LANES, TOGETHER
-from pipeline.reconstruction.sweeps import PAD, TAIL
+from pipeline.reconstruction.simd import TOGETHER
+from pipeline.reconstruction.sweeps import PAD
 from pipeline.threads import map_threads
 
 NUM_BANDS = 4
@@ -36,8 +37,8 @@ NUM_BANDS = 4
 BAND_ROWS = 64
 """HR rows that a band has at least, where there is more than one."""
 
-TILE = 24
-"""HR rows whose cells are gathered together, so that they stay in the processor's cache."""
+TILE = 24_000
+"""HR pixels of the rows that are gathered together: their sums stay in the processor's cache."""
 
 SHORT_HOLD = 2
 """Steps for which the prior is held, at most, where the gradient that is left is foreseen: after
@@ -116,12 +117,10 @@ class NormalEquations:
         self._local = cv2.copyMakeBorder(local, 0, 0, 1, TAIL, cv2.BORDER_REPLICATE)
         self._along, self._sharpening = _halves(taps), _halves(sharpening)
         height, width = shape
-        self._regular = False
         self._origin: HrImage | None = None
-        self._across = np.zeros((5, width), np.float32)
-        self._down = np.zeros((5, height), np.float32)
-        self._couplings = np.zeros((kernels.NUM_COUPLINGS, 1, 1), np.uint16)
-        self._units = np.zeros(height + 2 * PAD, np.float32)
+        # what lies behind a row stays zero
+        self._masses = np.zeros((height, kernels.LATTICE, width + TAIL), np.uint16)
+        self._units = np.zeros(height, np.float32)
         self._rhs = np.zeros(shape, np.float32)
         self._bands = bands(shape[0], most_bands)
         self._scratch: list[HrImage] = []
@@ -134,8 +133,8 @@ class NormalEquations:
     ) -> None:
         """Take observations in place of all before: (x, y, value, weight) of each view.
 
-        All are (H, W) float32, x and y in HR pixels. M is kept in 16 bits a coupling,
-        relative to the largest one in its row.
+        All are (H, W) float32, x and y in HR pixels. W is kept in 16 bits a weight, relative to
+        the largest one in its row.
 
         Parameters
         ----------
@@ -146,56 +145,43 @@ class NormalEquations:
         # values may be read-only: always so, for one compilation
         observations = [(x, y, _frozen_view(v), weight) for x, y, v, weight in observations]
         height, width = self.shape
-        shape = (kernels.NUM_COUPLINGS, height + 2 * PAD, PAD + width + TAIL)
-        if self._couplings.shape != shape:
-            # what lies around the image is multiplied by zeros
-            self._couplings = np.empty(shape, np.uint16)
-        self._regular, self._origin = False, predicted_by
+        self._origin = predicted_by
         level = self._level if predicted_by is None else np.float32(0)
         landing = map_threads(lambda view: _landing_rows(view[1], view[3], height), observations)
-        tile = min(TILE, max(hi - lo for lo, hi in self._bands) + 2)
+        tile = min(max(TILE // width, 1), max(hi - lo for lo, hi in self._bands) + 2)
 
         def add(band: tuple[int, int]) -> None:
-            # aligned: a cell is one line of the processor's cache
-            room = np.zeros(((tile + 2) * (width + 2) + LANES + 1) * CELL, np.float32)
-            cells = room[-room.ctypes.data % 64 // 4 :]
+            rows = tile + kernels.KEPT
+            sums = np.zeros((2 * rows, 2 * width), np.float32)
+            values = np.zeros((rows, width + kernels.MARGIN), np.float32)
             done = band[0]
             for lo in range(band[0] - 1, band[1] + 1, tile):
                 hi = min(lo + tile, band[1] + 1)
                 for (x, y, value, weight), (first, last) in zip(observations, landing, strict=True):
                     kernels.gather_observations(
-                        x, y, value, weight, first, last, level, lo, hi, height, width, cells
-                    )
+                        x, y, value, weight, first, last, level, lo, hi, height, width, sums,
+                        values,
+                    )  # fmt: skip
                 # what lands on later rows adds nothing to these
                 whole = max(hi - 1, done)
-                kernels.spread_cells(
-                    cells, lo - 1, done, whole, width, self._couplings, self._units, self._rhs
+                kernels.spread_sums(
+                    sums, values, lo - 1, done, whole, self._masses, self._units, self._rhs
                 )
-                kernels.pass_on(cells, hi - lo + 2, width)
+                for gathered, each in ((sums, 2), (values, 1)):
+                    kernels.pass_on(gathered, each * (hi - lo + kernels.KEPT), each * kernels.KEPT)
                 done = whole
 
         map_threads(add, self._bands)
 
-    def gather_regular(self, observed: GreyImage, grid: Grid) -> None:
-        """Take the pixels of the reference view itself in place of all observations before."""
-        height, width = self.shape
-        columns, taps_x = _regular_taps(
-            observed.shape[1], grid.magnification_x, grid.offset_x, width
-        )
-        rows, taps_y = _regular_taps(observed.shape[0], grid.magnification_y, grid.offset_y, height)
-        self._across = _five_bands(columns, taps_x, width)
-        self._down = _five_bands(rows, taps_y, height)
-        self._regular, self._origin = True, None
-        self._rhs[:] = 0
-        kernels.gather_regular(observed, self._level, columns, taps_x, rows, taps_y, self._rhs)
-
     @property
     def density(self) -> HrImage:
-        """(KH, KW): weight of the observations around each HR pixel (the stencil's diagonal)."""
-        if self._regular:
-            return np.outer(self._down[2], self._across[2])
-        inner = self._couplings[0, PAD:-PAD, PAD : PAD + self.shape[1]]
-        return inner * self._units[PAD:-PAD, None]
+        """(KH, KW): weight of the observations that are shared by places of each HR pixel."""
+        out = np.empty(self.shape, np.float32)
+        map_threads(
+            lambda band: kernels.sum_places(self._masses, self._units, *band, out),
+            self._bands,
+        )
+        return out
 
     def descend(
         self,
@@ -328,9 +314,8 @@ class NormalEquations:
             sum(
                 map_threads(
                     lambda item: sweeps.turn_and_apply(
-                        sharpened, factor, direction, item[1], *self._along, self._regular,
-                        self._across, self._down, self._couplings, self._units, rhs, prior, unit,
-                        *item[0], writes, out,
+                        sharpened, factor, direction, item[1], *self._along, self._masses,
+                        self._units, rhs,                        prior, unit, *item[0], writes, out,
                     ),
                     bands,
                 )
@@ -422,34 +407,6 @@ def _landing_rows(
     first, last = (np.empty(shape, np.int32) for _ in range(2))
     kernels.landing_rows(y, weight, height, first, last)
     return first, last
-
-
-def _regular_taps(
-    count: int, magnification: int, offset: float, size: int
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
-    """Return the nearest HR pixel (count,) and the folded spline taps (count, 3) of LR pixels."""
-    position = magnification * np.arange(count) + offset
-    centre = np.floor(position + 0.5).astype(np.int64)
-    t = position - centre
-    taps = np.stack([0.5 * (0.5 - t) ** 2, 0.75 - t**2, 0.5 * (0.5 + t) ** 2], axis=1)
-    for edge, outer in ((0, 0), (size - 1, 2)):
-        at = centre == edge
-        taps[at, 1] += taps[at, outer]
-        taps[at, outer] = 0
-    return centre, taps.astype(np.float32)
-
-
-def _five_bands(
-    centre: npt.NDArray[np.int64], taps: npt.NDArray[np.float32], size: int
-) -> npt.NDArray[np.float32]:
-    """Return Σ s sᵀ along one axis: (5, size), the coupling with the pixels −2 … 2 beside."""
-    found = np.zeros((5, size), np.float32)
-    for a in range(3):
-        at = centre + a - 1
-        inside = (at >= 0) & (at < size)
-        for b in range(3):
-            np.add.at(found[b - a + 2], at[inside], taps[inside, a] * taps[inside, b])
-    return found
 
 
 def simulate(
