@@ -30,8 +30,8 @@ QUIET = 1.0
 and what of the reference alone has not been found yet passes for disagreement of the others."""
 
 MOVED = FusedTuning(
-    together=7, hold=4.2, prior_strength=0.14, prior_noise_powers=(1.75, 1.75),
-    prior_psf_powers=(-1.0, -1.35), data_share=0.015, stretch=3.0, corrections=1,
+    together=6, hold=4.2, prior_strength=0.14, prior_noise_powers=(1.75, 1.75),
+    prior_psf_powers=(-1.0, -1.35), data_share=0.015, stretch=4.0, corrections=1,
 )  # fmt: skip
 """Work from a cold start where the camera has moved, of two views and at σ_psf 1: few steps smooth
 by themselves, and leave less to the prior, which at noise 2 is weighed anew in every second one;
@@ -41,10 +41,10 @@ last one goes, which is not asked how far. More views need no more steps as it i
 MOVED_FROM = 1.0
 """Noise from which so few steps are enough: with less of it there is more to find, grey levels."""
 
-MOVED_PSF_POWERS = (-1.3, 0.85)
+MOVED_PSF_POWERS = (-1.3, 1.0)
 """They grow with σ_psf to the first power below σ_psf 1, to the second above; …"""
 
-MOVED_NOISE_POWERS = (-0.36, 0.15)
+MOVED_NOISE_POWERS = (-0.46, 0.15)
 """… and with the noise likewise, below and above noise 2."""
 
 STILL = FusedTuning(alone=0.0, together=2, prior_detail=(0.25, 0.5))
