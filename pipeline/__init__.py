@@ -19,8 +19,8 @@ Rooms with maps of their own: :mod:`pipeline.registration`, :mod:`pipeline.recon
 * :mod:`freeview`, :mod:`view_at`: a view that no camera took; :mod:`export`: other forms of a
   finished video;
 * :mod:`evaluate` (Set 1) and :mod:`demo`, drawn by :mod:`drawing`;
-* threads and processes: :mod:`threads`, :mod:`channel`, :mod:`fan_out`, :mod:`stop`,
-  :mod:`machine`;
+* threads and processes: :mod:`threads`, :mod:`channel`, :mod:`fan_out`, :mod:`background`,
+  :mod:`stop`, :mod:`machine`;
 * compiled loops: :mod:`compiled` has what numba is told, :mod:`numba_cache` where they are kept;
   :mod:`compile_ahead`, :mod:`compile_beside`, :mod:`compile_notice`.
 """

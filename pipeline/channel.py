@@ -12,6 +12,8 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Generic, TypeVar
 
+from pipeline.background import give_way
+
 Item = TypeVar("Item")
 
 
@@ -99,10 +101,15 @@ class Ahead(Generic[Item]):
         Of the thread.
     capacity : int
         Items that may wait.
+    gives_way : bool
+        Whether that thread is to run where a core is free: see :mod:`pipeline.background`.
     """
 
-    def __init__(self, items: Iterable[Item], *, name: str, capacity: int = 1) -> None:
+    def __init__(
+        self, items: Iterable[Item], *, name: str, capacity: int = 1, gives_way: bool = False
+    ) -> None:
         self._items = items
+        self._gives_way = gives_way
         self._channel: Channel[Item] = Channel(capacity)
         self._thread = threading.Thread(target=self._fill, name=name)
         self._thread.start()
@@ -122,6 +129,8 @@ class Ahead(Generic[Item]):
         self._thread.join()
 
     def _fill(self) -> None:
+        if self._gives_way:
+            give_way()
         try:
             for item in self._items:
                 self._channel.put(item)

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TypeVar
 
+from pipeline.background import give_way
 from pipeline.channel import Channel, ChannelClosedError
 
 Item = TypeVar("Item")
@@ -13,12 +14,24 @@ Result = TypeVar("Result")
 
 
 def fan_out(
-    items: Iterable[Item], takers: Mapping[str, Callable[[Iterator[Item]], Result]]
+    items: Iterable[Item],
+    takers: Mapping[str, Callable[[Iterator[Item]], Result]],
+    *,
+    give_way_to_others: bool = False,
 ) -> dict[str, Result]:
     """Give every item to every taker, each in a thread of its own; return what they return.
 
     A taker must take all items. Where the items end in an error, or another taker fails, the
     iterator of a taker raises ``ChannelClosedError``, so that nobody mistakes that for the end.
+
+    Parameters
+    ----------
+    items : iterable
+        Used by the calling thread only.
+    takers : mapping of names to callables
+        Each gets an iterator over the items.
+    give_way_to_others : bool
+        Whether their threads are to run where a core is free: see :mod:`pipeline.background`.
 
     Raises
     ------
@@ -46,6 +59,8 @@ def fan_out(
             yield item
 
     def run(name: str) -> None:
+        if give_way_to_others:
+            give_way()
         try:
             results[name] = takers[name](taken(channels[name]))
         except ChannelClosedError:

@@ -19,6 +19,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
+from pipeline.background import giving_way
 from pipeline.channel import Ahead
 from pipeline.debug_pictures import write_debug_pictures
 from pipeline.events import Event, SegmentFinished, Warned
@@ -122,12 +123,17 @@ class LocalEngine:
         line = Line(work=work, worker=worker, clock=self._tools.clock, stop=stop)
         with ExitStack() as stages:
 
-            def stage(items: Iterable[Item], name: str) -> Iterator[Item]:
-                return stages.enter_context(closing(Ahead(items, name=f"depthsr-{name}")))
+            def stage(
+                items: Iterable[Item], name: str, *, gives_way: bool = False
+            ) -> Iterator[Item]:
+                ahead = Ahead(items, name=f"depthsr-{name}", gives_way=gives_way)
+                return stages.enter_context(closing(ahead))
 
             if work.job.settings.realtime:
                 controller = line.controller(self._source.info)
-                frames = stage(line.read_for(self._source, segments, controller), "read")
+                frames = stage(
+                    line.read_for(self._source, segments, controller), "read", gives_way=True
+                )
                 done = stage(hold_rate(line, frames, controller), "hold-rate")
             else:
                 frames = stage(line.read(self._source, segments), "read")
@@ -203,15 +209,19 @@ class LocalEngine:
 
 
 def open_source(job: Job, open_scene: Callable[..., FrameSource] = open_scene) -> FrameSource:
-    """Return the scene of a job, open."""
+    """Return the scene of a job, open; where a rate is held, its decoders' threads give way."""
     options = job.input
-    return open_scene(
-        job.scene,
-        input_layout=options.input_layout,
-        left=options.left,
-        right=options.right,
-        views=options.views,
-    )
+
+    def opened() -> FrameSource:
+        return open_scene(
+            job.scene,
+            input_layout=options.input_layout,
+            left=options.left,
+            right=options.right,
+            views=options.views,
+        )
+
+    return giving_way(opened) if job.settings.realtime else opened()
 
 
 def is_finished(files: SegmentFiles, sink: Sink, segment: Segment) -> bool:

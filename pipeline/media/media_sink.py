@@ -269,7 +269,11 @@ class MediaSink:
 
         files = self._segment_files(stem)
         try:
-            fan_out(frames, {name: writer(name, path) for name, path in files.items()})
+            fan_out(
+                frames,
+                {name: writer(name, path) for name, path in files.items()},
+                give_way_to_others=self.plan.is_realtime,
+            )
         finally:
             timings["encode"] += sum(seconds)
 

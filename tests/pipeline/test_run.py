@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
+import sys
 import threading
 import time
 from fractions import Fraction
@@ -11,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from pipeline.background import BEHIND, LEAST
 from pipeline.baselines import bicubic
 from pipeline.config import Settings
 from pipeline.effort import FULL, SWIFT, Effort
@@ -548,6 +551,41 @@ def test_a_rate_that_is_low_enough_changes_nothing(tmp_path):
         _job(tmp_path, settings=settings), tools=_tools(_frames(5), make_worker=Quick)
     )
     assert summary.report["realtime"]["frames_by_rung"] == {"full quality": 5}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has a priority for each thread")
+@pytest.mark.parametrize("is_held", [False, True])
+def test_where_a_rate_is_held_reading_gives_way_to_making_frames(tmp_path, is_held):
+    """So do the decoders' threads, which are begun where the scene is opened."""
+    seen = {"opened": set(), "read": set(), "made": set()}
+
+    def note(what):
+        seen[what].add(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+
+    class Watched(MemorySource):
+        def read(self, frame_index, **wanted):
+            note("read")
+            return super().read(frame_index, **wanted)
+
+    def open_scene(path, **_):
+        note("opened")
+        return Watched(_frames(5), path=str(path))
+
+    class Quick(worker(enlarge)):
+        def take(self, frame, *, effort, neighbours):
+            note("made")
+            return enlarge(frame, self.settings, targets=("cam0", "cam1"))
+
+        def register(self, frame, *, neighbours):
+            note("made")
+            return super().register(frame, neighbours=neighbours)
+
+    rate = {"realtime": True, "rate": 0.01} if is_held else {}
+    tools = Tools(open_scene=open_scene, make_worker=Quick, make_sink=MemorySink)
+    run_job(_job(tmp_path, settings=Settings(temporal="warm", **rate)), tools=tools)
+    before = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+    behind = min(before + BEHIND, LEAST) if is_held else before
+    assert seen == {"opened": {behind}, "read": {behind}, "made": {before}}
 
 
 def test_holding_a_rate_needs_warm_frames():
