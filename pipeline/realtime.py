@@ -121,6 +121,9 @@ FAR_TOO_MUCH = 2.0
 """The same for the first frame of a rung that was not climbed to; and what a frame counts for at
 most where calm is judged: one does not say how others will be."""
 
+LOADING = 0.06
+"""Seconds of the first frame that a rung ever has in which its kernels are loaded, about."""
+
 AIM = 0.9
 """Share of the budget that a frame of the rung gone down to should cost, at most."""
 
@@ -462,8 +465,10 @@ class Controller:
                 return load
             is_told = len(self._costs) == JUDGED_LONGER
             return statistics.median(self._costs) if is_told else TOO_MUCH
-        if len(self._costs) == 1 and self._costs[0] > FAR_TOO_MUCH and not self._has_climbed:
-            return self._costs[0]
+        if len(self._costs) == 1 and not self._has_climbed:
+            is_new = self._frames[self._made] == 1
+            lasting = self._costs[0] - LOADING / self.budget * is_new
+            return lasting if lasting > FAR_TOO_MUCH else 0.0
         return min(self._costs) if self._has_dropped and len(self._costs) > 1 else 0.0
 
     def _down(self, load: float, level: int) -> None:
