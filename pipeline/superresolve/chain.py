@@ -20,6 +20,9 @@ IN_PLACE = 0.5
 """Share of a target that changes without moving from which the frame starts cold: it fades, or one
 picture dissolves into another, and what a chain keeps of it would be of the older picture."""
 
+IN_PLACE_OF_FEW = 1 / 16
+"""The same of a picture of few tiles, of which a part that dissolves is much."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Continued:
@@ -73,14 +76,22 @@ def continued(
     is_small = has_few_tiles(frame.lr_shape)
     drifts = memory.seen.drifts(frame, targets, noise)
     if not has_moved:
-        drifts = drifts or memory.seen.begins_apart(targets, noise)
+        drifts = drifts or memory.seen.begins_apart(frame, targets, noise)
     if drifts:
         has_moved = bool(matches) and not is_small
     if has_moved:
         memory.move()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
     averaged = memory.seen.averaged(frame, noise)
-    if matches and is_small and (drifts or memory.seen.lags(targets)):
+    if (
+        matches
+        and is_small
+        and (
+            drifts
+            or memory.seen.lags(targets)
+            or _changes_in_place(memory, matches, IN_PLACE_OF_FEW)
+        )
+    ):
         is_cut = True
         memory.begin_apart()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
@@ -90,7 +101,7 @@ def continued(
         memory.move()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
         averaged = memory.seen.averaged(frame, noise)
-    if matches and _changes_in_place(memory, matches):
+    if matches and _changes_in_place(memory, matches, IN_PLACE):
         is_cut = True
         memory.begin_again()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
@@ -111,9 +122,9 @@ def continued(
     )
 
 
-def _changes_in_place(memory: Memory, matches: Mapping[str, BlockMatch]) -> bool:
-    """Return whether much of every target has changed where it was."""
+def _changes_in_place(memory: Memory, matches: Mapping[str, BlockMatch], share: float) -> bool:
+    """Return whether more than a share of every target has changed where it was."""
     return all(
-        match.share_in_place(memory.seen.still[target].changed) > IN_PLACE
+        match.share_in_place(memory.seen.still[target].changed) > share
         for target, match in matches.items()
     )

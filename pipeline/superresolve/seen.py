@@ -113,7 +113,7 @@ class Seen:
         self._frames += 1
         return any(goes_on for _, goes_on in found)
 
-    def begins_apart(self, targets: Sequence[str], noise: float) -> bool:
+    def begins_apart(self, frame: MultiViewFrame, targets: Sequence[str], noise: float) -> bool:
         """Return whether the frame just asked of is to be computed as if all drifted.
 
         Of a chain's first frames, which are too few to tell, that is so where most of a target has
@@ -122,12 +122,17 @@ class Seen:
         if self._frames > FIRST:
             return False
 
-        def is_apart(details: Sequence[Detail]) -> bool:
-            # noise that is given is believed: it need not be that of these frames
-            is_shared = bool(self._noise) and share_noise(details, noise)
-            return is_shared or (len(details) == 2 and changed_at_once(details, noise))
+        def is_apart(target: str) -> bool:
+            details = self._details[target]
+            own = noise
+            if not self._noise:
+                # what is given need not be the noise of these frames
+                own = min(noise, estimate_noise(frame.view(target).luma))
+            return share_noise(details, own) or (
+                len(details) == 2 and changed_at_once(details, noise)
+            )
 
-        return any(is_apart(self._details[target]) for target in targets)
+        return any(map_threads(is_apart, targets))
 
     def watch(self, frame: MultiViewFrame, settings: Settings) -> None:
         """Take note of a frame that is not computed."""

@@ -101,6 +101,7 @@ def lagging_tiles(
     count: npt.NDArray[np.float32],
     reached: npt.NDArray[np.uint8],
     noise: float,
+    restless: Mask,
 ) -> tuple[Away, Mask, bool]:
     """Return how a frame differs from the mean before, which tiles lag, whether others begin to.
 
@@ -117,13 +118,16 @@ def lagging_tiles(
         Whether the pixel has changed, or lies near what has.
     noise : float
         Standard deviation, grey levels.
+    restless : (rows, columns) bool
+        Tiles that lagged, and began anew, two frames ago: they are asked a frame sooner than
+        others, of the one product that there is.
     """
     away, fine = np.empty_like(smooth), np.empty_like(smooth)
     sums = np.zeros((5, *tiles_of(smooth.shape)))
     numbers = np.zeros_like(sums[0])
     _sum_tiles(
-        difference, smooth, wide, *before.detail, before.fine, count, reached, away, fine, sums,
-        numbers,
+        difference, smooth, wide, *before.detail, before.fine, count, reached, restless, away,
+        fine, sums, numbers,
     )  # fmt: skip
     now = Away(detail=(away, before.detail[0]), fine=fine)
     counted = np.maximum(numbers, LEAST)
@@ -142,7 +146,9 @@ def lagging_tiles(
     def lags(hidden: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the squares of the lag, of which noise has done a share of what is hidden."""
         faded = 1.0 if share > 0 else FADED
-        return np.minimum(first - share * hidden, second - faded * share * hidden)
+        both = np.minimum(first - share * hidden, second - faded * share * hidden)
+        # of a mean of two frames noise of their own does nothing
+        return np.where(restless, first - max(share, 0.0) * hidden, both)
 
     one, most, slightly = (
         bound[0] + bound[1] * noise**2 for bound in (LAG, LAG_OF_MOST, SLIGHT_LAG)
@@ -157,8 +163,9 @@ def lagging_tiles(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _sum_tiles(
-    difference, smooth, wide, first, second, fine_before, count, reached, away, fine, sums, numbers
-):
+    difference, smooth, wide, first, second, fine_before, count, reached, restless, away, fine,
+    sums, numbers,
+):  # fmt: skip
     """Write how detail and finer things differ, and add up by tile what they have in common.
 
     That is the products of detail with that of the two frames before and its mean square in this
@@ -168,13 +175,20 @@ def _sum_tiles(
     rows, columns = numbers.shape
     totals, found = np.zeros((5, width), np.float32), np.zeros(width, np.float32)
     half = np.float32(0.5)
+    asked_from = np.empty(width, np.float32)
     for row in range(height):
+        at = min(row // TILE, rows - 1)
+        if row == 0 or min((row - 1) // TILE, rows - 1) < at:
+            for column in range(width):
+                is_restless = restless[at, min(column // TILE, columns - 1)]
+                asked_from[column] = 2 if is_restless else 3
         for column in range(width):
             detail = smooth[row, column] - wide[row, column]
             finer = difference[row, column] - smooth[row, column]
             away[row, column] = detail
             fine[row, column] = finer
-            stands = np.float32((reached[row, column] == 0) & (count[row, column] > 2))
+            is_asked = count[row, column] >= asked_from[column]
+            stands = np.float32((reached[row, column] == 0) & is_asked)
             last, finer_last = first[row, column], fine_before[row, column]
             totals[0, column] += stands * detail * last
             totals[1, column] += stands * detail * second[row, column]
@@ -182,7 +196,6 @@ def _sum_tiles(
             totals[3, column] += stands * finer * finer_last
             totals[4, column] += stands * half * (finer * finer + finer_last * finer_last)
             found[column] += stands
-        at = min(row // TILE, rows - 1)
         if row == height - 1 or min((row + 1) // TILE, rows - 1) > at:
             for column in range(width):
                 tile = min(column // TILE, columns - 1)

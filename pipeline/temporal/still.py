@@ -72,6 +72,8 @@ class Still:
     """How the last frames differed from the means before them."""
     lagging: Mask
     """(rows, columns) of tiles: whether the mean of them has lagged behind."""
+    restless: Mask
+    """(rows, columns): whether it did one frame before, and they began anew."""
     begins_to_lag: bool = False
     """Whether those of the others begin to."""
 
@@ -95,6 +97,7 @@ def first_seen(luma: GreyImage) -> Still:
         touched=np.ones(luma.shape, np.bool_),
         away=Away.none(luma.shape),
         lagging=np.zeros(tiles_of(luma.shape), np.bool_),
+        restless=np.zeros(tiles_of(luma.shape), np.bool_),
     )
 
 
@@ -123,16 +126,19 @@ def seen_again(luma: GreyImage, before: Still, noise: float) -> Still:
     found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     reached = _reached(found)
     away, lagging, begins_to_lag = lagging_tiles(
-        difference, smooth, wide, before.away, before.count, reached, noise
-    )
-    if lagging.any() and not has_few_tiles(luma.shape):
+        difference, smooth, wide, before.away, before.count, reached, noise,
+        before.restless,
+    )  # fmt: skip
+    begin_anew = not has_few_tiles(luma.shape)
+    if lagging.any() and begin_anew:
         found[tile_pixels(lagging, found.shape)] = 1
         reached = _reached(found)
     mean, count = np.empty_like(before.mean), np.empty_like(before.count)
     _average(luma, found, before.mean, before.count, mean, count)
     return Still(
         mean=mean, count=count, changed=found.view(np.bool_), touched=reached.view(np.bool_),
-        away=away, lagging=lagging, begins_to_lag=begins_to_lag,
+        away=away, lagging=lagging, restless=before.lagging & begin_anew,
+        begins_to_lag=begins_to_lag,
     )  # fmt: skip
 
 

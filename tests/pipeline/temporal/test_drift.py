@@ -237,19 +237,34 @@ def test_where_all_moves_the_noise_is_that_of_the_frame_itself():
     assert seen.noise(later, settings, names) == Memory().seen.noise(later, settings, names)
 
 
-def test_of_a_chain_only_the_first_frames_are_taken_to_share_their_noise():
-    """Once means are of several frames they are better than a frame, whatever noise stays."""
-    views = tuple(View(view_id=name, luma=_noisy_ground(name)) for name in "lr")
-    seen, settings, found = Memory().seen, Settings(), []
+def _frames_that_begin_apart(noisy_ground, given=None):
+    """Return frame by frame whether it is to be computed as if all drifted."""
+    seen, settings, found = Memory().seen, Settings(noise_sigma=given), []
     for number in range(6):
+        views = tuple(View(view_id=name, luma=noisy_ground(name, number)) for name in "lr")
         frame = MultiViewFrame(frame_index=number, views=views, left="l", right="r")
         noise = seen.noise(frame, settings, ("l", "r"))
         assert not seen.drifts(frame, ("l", "r"), noise)
-        found.append(seen.begins_apart(("l", "r"), noise))
+        found.append(seen.begins_apart(frame, ("l", "r"), noise))
         seen = seen.begun_again() if number == 3 else seen
+    return found
+
+
+@pytest.mark.parametrize("given", [None, NOISE, 2 * NOISE])
+def test_of_a_chain_only_the_first_frames_are_taken_to_share_their_noise(given):
+    """Once means are of several frames they are better than a frame, whatever noise stays."""
+    found = _frames_that_begin_apart(lambda name, _: _noisy_ground(name), given)
     assert found == [False, True, True, False, False, False]
 
 
-def _noisy_ground(name):
-    chance = np.random.default_rng(ord(name))
-    return (GROUND + chance.normal(0, NOISE, GROUND.shape)).astype(np.float32)
+@pytest.mark.parametrize("noise", [0.2, NOISE])
+def test_frames_of_less_noise_than_is_given_do_not_share_it(noise):
+    found = _frames_that_begin_apart(
+        lambda name, number: _noisy_ground(name, noise, number), given=2 * NOISE
+    )
+    assert not any(found)
+
+
+def _noisy_ground(name, noise=NOISE, number=0):
+    chance = np.random.default_rng([ord(name), number])
+    return (GROUND + chance.normal(0, noise, GROUND.shape)).astype(np.float32)

@@ -65,6 +65,22 @@ def test_a_mean_that_begins_anew_stays_near_what_is_shown():
     assert np.square(away[:, :PART]).mean() < np.square(away[:, PART:]).mean() + 0.4
 
 
+@pytest.mark.parametrize("noise", [0.0, 1.0, 2.0])
+def test_what_has_lagged_is_asked_a_frame_sooner(noise):
+    """What goes on dissolving begins anew in every second frame; once it stands still it is."""
+    stop = 14
+
+    def shown(number):
+        part = np.arange(WIDTH) < PART
+        return GROUND + (OTHER - GROUND) * part * np.float32(min(number, stop) / 20)
+
+    inside = PART // TILE
+    lagged = np.array([still.lagging[:, :inside] for still in _seen(shown, 26, noise)])
+    again = lagged[4 : stop - 2] & lagged[6:stop] & ~lagged[5 : stop - 1]
+    assert again.any(axis=0).mean() > 0.8
+    assert not lagged[stop + 4 :].any()
+
+
 def test_a_slow_pull_of_the_focus_lags_all_over():
     def shown(number):
         return cv2.GaussianBlur(GROUND, (0, 0), 0.4 + 0.06 * number)

@@ -261,13 +261,20 @@ def _half_dissolving(picture, other, number):
     return picture + (other - picture) * half * np.float32(number / 24)
 
 
+def _half_turning_over(picture, other, number):
+    """So fast that most of it counts as changed."""
+    half = np.arange(picture.shape[1]) < picture.shape[1] // 2
+    return picture + (picture[::-1] - picture) * half * np.float32(number / 16)
+
+
 def _slowly_softer(picture, other, number):
     return cv2.GaussianBlur(picture, (0, 0), 0.5 + 0.05 * number)
 
 
 @pytest.mark.parametrize("temporal", ["swift", "warm"])
 @pytest.mark.parametrize(
-    ("changed", "width", "last"), [(_slowly_softer, 256, 14), (_half_dissolving, 128, 20)]
+    ("changed", "width", "last"),
+    [(_slowly_softer, 256, 14), (_half_dissolving, 128, 20), (_half_turning_over, 128, 13)],
 )
 def test_what_changes_slowly_or_in_part_is_no_worse_than_cold(changed, width, last, temporal):
     """Too slowly, or in too few blocks of too small a picture, for all to be seen to change."""
