@@ -117,6 +117,10 @@ HARDLY_TOO_MUCH, JUDGED_LONGER = 1.15, 9
 """Share of the budget up to which so many frames decide: what they are late in all is less than
 they may be, and a machine whose frames scatter by a tenth does not lose a rung to three of them."""
 
+BARELY_TOO_MUCH, LATE = 1.05, 1.0
+"""Share of the budget up to which a rung is kept for as long as its frames are not later than so
+many frame times."""
+
 FAR_TOO_MUCH = 2.0
 """The same for the first frame of a rung that was not climbed to; and what a frame counts for at
 most where calm is judged: one does not say how others will be."""
@@ -355,6 +359,8 @@ class Controller:
     _calm: int = field(default=0, init=False)
     _calm_needed: int = field(default=CALM, init=False)
     _since_up: int = field(default=TRIAL, init=False)
+    _late: float = field(default=0.0, init=False)
+    """Frame times by which the last frame was begun too late."""
     _has_dropped: bool = field(default=False, init=False)
     """Since the last change of level."""
     _has_climbed: bool = field(default=False, init=False)
@@ -431,6 +437,7 @@ class Controller:
             self._beside = [*self._beside, beside][-JUDGED_LONGER:]
         is_first = not any(self._frames)
         self._frames[choice.level] += 1
+        self._late = choice.late / self.budget
         cost = seconds / self.budget
         if is_first:
             if cost / COLD > TOO_MUCH:
@@ -463,8 +470,10 @@ class Controller:
             load = statistics.median(self._costs[-JUDGED:])
             if self._has_dropped or not TOO_MUCH < load <= HARDLY_TOO_MUCH:
                 return load
-            is_told = len(self._costs) == JUDGED_LONGER
-            return statistics.median(self._costs) if is_told else TOO_MUCH
+            longer = statistics.median(self._costs)
+            is_in_time = longer <= BARELY_TOO_MUCH and self._late <= LATE
+            is_told = len(self._costs) == JUDGED_LONGER and not is_in_time
+            return longer if is_told else TOO_MUCH
         if len(self._costs) == 1 and not self._has_climbed:
             is_new = self._frames[self._made] == 1
             lasting = self._costs[0] - LOADING / self.budget * is_new

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pipeline.errors import ConfigurationError
 from pipeline.realtime import (
     AIM,
+    BARELY_TOO_MUCH,
     CALM,
     COLD,
     ENOUGH,
@@ -19,6 +20,7 @@ from pipeline.realtime import (
     IN_VAIN,
     JUDGED,
     JUDGED_LONGER,
+    LATE,
     LITTLE,
     LOADING,
     LONGEST_CALM,
@@ -124,7 +126,7 @@ def test_frames_that_cost_too_much_lower_quality_and_one_slow_frame_does_not():
 
 def test_it_goes_down_as_far_as_frames_cost_too_much():
     works = _works()
-    for load in (1.05, 1.5, 2.0):
+    for load in (1.01 * BARELY_TOO_MUCH, 1.5, 2.0):
         controller = _controller()
         count = JUDGED if load > HARDLY_TOO_MUCH else JUDGED_LONGER
         _run(controller, [load * BUDGET] * (1 + count))
@@ -142,6 +144,22 @@ def test_frames_that_cost_hardly_too_much_lower_quality_before_one_is_dropped():
     controller, choices = _watched(loads, first=0.0, count=1 + JUDGED_LONGER)
     assert {choice.level for choice in choices} == {0} != {controller.level}
     assert not any(choice.drop for choice in choices)
+
+
+@given(st.floats(1.01, BARELY_TOO_MUCH))
+def test_frames_that_cost_barely_too_much_lower_quality_once_they_are_late(load):
+    loads = [load * work for work in _works()]
+    controller, choices = _watched(loads, first=0.0, count=400)
+    kept = [choice for choice in choices if choice.level == 0]
+    late = [choice.late / BUDGET for choice in kept]
+    assert LATE < late[-1] <= LATE + JUDGED_LONGER * (load - 1), "as long as it may"
+    assert controller.level > 0
+    assert controller.dropped == 0
+
+
+@given(st.floats(0.5, BARELY_TOO_MUCH - 0.001))
+def test_frames_in_time_that_cost_barely_too_much_keep_their_rung(load):
+    assert set(_run(_controller(), [load * BUDGET] * 100)) == {0}
 
 
 def test_the_first_frame_of_a_rung_says_little_of_those_that_follow():
@@ -208,7 +226,8 @@ def test_it_settles_however_wrong_the_work_of_the_rungs_is_estimated(factors, lo
         choice = controller.begin(0.0)
         levels.append(choice.level)
         controller.end(choice, load * works[choice.level] * BUDGET)
-    assert any(load * works[level] <= 1 or level == len(works) - 1 for level in levels)
+    last = len(works) - 1
+    assert any(load * works[level] <= BARELY_TOO_MUCH or level == last for level in levels)
     ups = [there for here, there in itertools.pairwise(levels) if there < here]
     assert len(ups) <= 1 + len(levels) // CALM
 
@@ -243,7 +262,8 @@ def test_it_goes_at_once_where_the_rest_of_a_frame_leaves_time_for(load, beside)
     if load + beside > 1:
         # the rung that is guessed from the first frame is left only where it is too much
         is_guessed = levels[1] == levels[-1]
-        has_time = beside + load * works[levels[-1]] <= (TOO_MUCH if is_guessed else AIM)
+        most = BARELY_TOO_MUCH if is_guessed else AIM  # they are in time
+        has_time = beside + load * works[levels[-1]] <= most
         assert has_time or hardly[levels[-1]]
         assert not any(fits[: levels[-1]]), "no farther than it must"
     else:
@@ -260,7 +280,8 @@ def test_it_is_never_above_its_budget_for_long_and_seldom_changes(load, beside):
     works = _works()
     levels = _settled(load, beside, 1500)[500:]
     lasts = beside + load * works[-1] > 1
-    above = sum(beside + load * works[level] > 1 for level in levels)
+    # they are in time, by which a rung is kept that is barely too much
+    above = sum(beside + load * works[level] > BARELY_TOO_MUCH for level in levels)
     changes = sum(here != there for here, there in itertools.pairwise(levels))
     assert lasts or above <= JUDGED_LONGER * (1000 / LONGEST_CALM + 2)
     assert changes <= 2 * (1000 / LONGEST_CALM + 2)
