@@ -9,7 +9,7 @@ Rooms with maps of their own: :mod:`pipeline.registration`, :mod:`pipeline.recon
   :mod:`line` of stages with one :mod:`worker`; :mod:`sink` (or :mod:`tee_sink`) takes the results,
   the :mod:`workfolder` keeps them, under a :mod:`fingerprint`, until the job is done;
 * what is told of it: :mod:`events`, :mod:`report`, :mod:`debug_pictures`;
-* holding a rate: :mod:`realtime`, by the :mod:`effort` of each frame;
+* holding a rate: :mod:`realtime`, by the :mod:`effort` of each frame, after a :mod:`rehearsal`;
 * values that cross borders: :mod:`frames`, :mod:`results`, :mod:`config`, :mod:`errors`;
   coordinates: :mod:`grid`;
 * arrays in, arrays out: :mod:`noise`, :mod:`colour`, :mod:`stereo`, :mod:`metrics`,

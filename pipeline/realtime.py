@@ -134,9 +134,9 @@ AIM = 0.9
 IN_VAIN = 0.05
 """Share of a frame's cost that going farther down must spare where no rung has time enough."""
 
-COLD = 3.0
+COLD = 2.0
 """What the first frame of a stream costs, which starts cold, over what the next ones do: a hint,
-since it may compile, too."""
+measured after a rehearsal, so that no kernel is loaded in it."""
 
 LITTLE = 0.75
 """Share of the budget below which there is calm, by the mean of so many frames as are judged

@@ -27,6 +27,7 @@ from pipeline.job import Job, Segment
 from pipeline.line import DoneFrame, Line, Work, hold_rate
 from pipeline.media.media_sink import MediaSink
 from pipeline.media.source import FrameSource, open_scene
+from pipeline.rehearsal import rehearse
 from pipeline.report import to_plain, unknown_depth
 from pipeline.results import FrameResult
 from pipeline.sink import OutputPlan, Sink
@@ -131,6 +132,11 @@ class LocalEngine:
 
             if work.job.settings.realtime:
                 controller = line.controller(self._source.info)
+                rehearse(
+                    work.job.settings, [rung.effort for rung in controller.rungs],
+                    num_views=controller.num_views, num_eyes=controller.num_eyes,
+                    has_depth=any(self._source.info.has_depth), stop=lambda: stop.is_set,
+                )  # fmt: skip
                 frames = stage(
                     line.read_for(self._source, segments, controller), "read", gives_way=True
                 )
