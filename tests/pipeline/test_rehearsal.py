@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -28,10 +29,7 @@ def test_each_effort_has_its_frame_after_some_that_are_whole():
     for frame in frames:
         assert [picture.shape for picture in frame.pictures] == [(HEIGHT, WIDTH, 3)] * 3
         assert [stored.shape for stored in frame.depth] == [(HEIGHT, WIDTH)] * 3
-    moved = [
-        (a.pictures[0].astype(int) - b.pictures[0]).std()
-        for a, b in zip(frames, frames[1:], strict=False)
-    ]
+    moved = [(a.pictures[0].astype(int) - b.pictures[0]).std() for a, b in pairwise(frames)]
     assert max(moved[: before - 1]) < 3, "nothing but noise while all is whole"
     assert min(moved[before:]) > 10, "then something changes in each frame"
 
@@ -54,6 +52,4 @@ def test_scenes_of_any_kind_can_be_rehearsed(num_views, num_eyes, has_depth, set
 
 def test_it_stops_when_told_to():
     with pytest.raises(Interrupted):
-        rehearse(
-            SETTINGS, _efforts(4), num_views=4, num_eyes=2, has_depth=True, stop=lambda: True
-        )
+        rehearse(SETTINGS, _efforts(4), num_views=4, num_eyes=2, has_depth=True, stop=lambda: True)
