@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import hypothesis
+import psutil
 import pytest
 
 from pipeline.numba_cache import prepare_numba_cache
@@ -46,6 +49,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     places = {Path(__file__).parent / name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: places.get(item.path, len(places)))
 
+
+ANSWERS_WITHIN = 240.0
+"""Seconds that a test with a browser may take: the longest takes 20 on a machine of its own."""
 
 CHROMIUM_OPTIONS = (
     "--no-sandbox",
@@ -88,6 +94,31 @@ def chromium() -> Iterator[Any]:
         )
         yield browser
         browser.close()
+
+
+@pytest.fixture(autouse=True)
+def browsers_answer(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Kill the browsers under a test that takes too long: what a page is asked has no limit."""
+    if "chromium" not in request.fixturenames:
+        yield
+        return
+    killed: list[str] = []
+
+    def kill() -> None:
+        for process in psutil.Process().children(recursive=True):
+            with suppress(psutil.Error):
+                if "chrom" in process.name():
+                    killed.append(process.name())
+                    process.kill()
+
+    timer = threading.Timer(ANSWERS_WITHIN, kill)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+    assert not killed, f"a page had not answered after {ANSWERS_WITHIN} s: {killed[0]} was killed"
 
 
 @pytest.fixture(autouse=True)
