@@ -125,8 +125,9 @@ FAR_TOO_MUCH = 2.0
 """The same for the first frame of a rung that was not climbed to; and what a frame counts for at
 most where calm is judged: one does not say how others will be."""
 
-LOADING = 0.06
-"""Seconds of the first frame that a rung ever has in which its kernels are loaded, about."""
+LOADING = 0.03
+"""Seconds of the first frame that a rung ever has in which what it needs is brought into the caches,
+about; kernels are loaded in a rehearsal."""
 
 AIM = 0.9
 """Share of the budget that a frame of the rung gone down to should cost, at most."""
