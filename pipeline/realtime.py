@@ -126,8 +126,8 @@ FAR_TOO_MUCH = 2.0
 most where calm is judged: one does not say how others will be."""
 
 LOADING = 0.03
-"""Seconds of the first frame that a rung ever has in which what it needs is brought into the caches,
-about; kernels are loaded in a rehearsal."""
+"""Seconds of the first frame that a rung ever has in which caches are filled, about; kernels are
+loaded in a rehearsal."""
 
 AIM = 0.9
 """Share of the budget that a frame of the rung gone down to should cost, at most."""
