@@ -125,7 +125,7 @@ FAR_TOO_MUCH = 2.0
 """The same for the first frame of a rung that was not climbed to; and what a frame counts for at
 most where calm is judged: one does not say how others will be."""
 
-LOADING = 0.03
+FILLING = 0.03
 """Seconds of the first frame that a rung ever has in which caches are filled, about; kernels are
 loaded in a rehearsal."""
 
@@ -420,8 +420,8 @@ class Controller:
     def end(self, choice: Choice, seconds: float, worked: float | None = None) -> None:
         """Learn what a frame cost that was not dropped.
 
-        The first one may compile, fills caches and starts cold: it says no more than where to
-        begin, and the first frame that fits into its time puts that right.
+        The first one fills caches and starts cold: it says no more than where to begin, and the
+        first frame that fits into its time puts that right.
 
         Parameters
         ----------
@@ -444,7 +444,7 @@ class Controller:
             if cost / COLD > TOO_MUCH:
                 self._move(self._level_for(cost / COLD, self.level, self.level))
             return
-        # the first frame of all on a rung loads its kernels and fills its caches
+        # the first frame of all on a rung fills its caches
         earlier = self._costs if self._frames[choice.level] > 2 else []
         self._costs = [*earlier, cost][-JUDGED_LONGER:]
         if choice.level > self.level:
@@ -477,7 +477,7 @@ class Controller:
             return longer if is_told else TOO_MUCH
         if len(self._costs) == 1 and not self._has_climbed:
             is_new = self._frames[self._made] == 1
-            lasting = self._costs[0] - LOADING / self.budget * is_new
+            lasting = self._costs[0] - FILLING / self.budget * is_new
             return lasting if lasting > FAR_TOO_MUCH else 0.0
         return min(self._costs) if self._has_dropped and len(self._costs) > 1 else 0.0
 

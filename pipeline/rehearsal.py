@@ -6,7 +6,9 @@ for that come late, and the controller takes it for what such frames cost.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import repeat
 
@@ -15,11 +17,14 @@ import numpy as np
 from pipeline.colour import picture_from_rgb
 from pipeline.config import Settings
 from pipeline.effort import FULL, Effort
+from pipeline.errors import Interrupted
 from pipeline.frames import MultiViewFrame, View
 from pipeline.registration.again import AGAIN
 from pipeline.stereo import Picture
 from pipeline.synthetic import SampleScene
 from pipeline.worker import Worker
+
+log = logging.getLogger(__name__)
 
 WIDTH, HEIGHT = 96, 72
 """Of the pictures, pixels: large enough for patches, pyramids and a PSF."""
@@ -85,6 +90,17 @@ def _changed(picture: Picture, place: int, number: int, moved: int, noise: float
         columns = slice(moved, moved + WIDTH // 4)
         changed[:, columns] = 255 - changed[:, columns]
     return np.clip(np.rint(changed), 0, 255).astype(np.uint8)
+
+
+@contextmanager
+def as_far_as_it_goes() -> Iterator[None]:
+    """Let a rehearsal fail: the first frame will tell, and of small pictures it may not be true."""
+    try:
+        yield
+    except (Interrupted, MemoryError):
+        raise  # as in a frame
+    except Exception as error:
+        log.warning("what is to come could not be rehearsed: %r", error)
 
 
 def rehearsed(settings: Settings) -> Settings:

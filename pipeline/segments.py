@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from pipeline.background import giving_way
@@ -27,7 +28,7 @@ from pipeline.job import Job, Segment
 from pipeline.line import DoneFrame, Line, Work, hold_rate
 from pipeline.media.media_sink import MediaSink
 from pipeline.media.source import FrameSource, open_scene
-from pipeline.rehearsal import rehearse
+from pipeline.rehearsal import as_far_as_it_goes, rehearse
 from pipeline.report import to_plain, unknown_depth
 from pipeline.results import FrameResult
 from pipeline.sink import OutputPlan, Sink
@@ -132,11 +133,12 @@ class LocalEngine:
 
             if work.job.settings.realtime:
                 controller = line.controller(self._source.info)
-                rehearse(
-                    work.job.settings, [rung.effort for rung in controller.rungs],
-                    num_views=controller.num_views, num_eyes=controller.num_eyes,
-                    has_depth=any(self._source.info.has_depth), stop=lambda: stop.is_set,
-                )  # fmt: skip
+                with as_far_as_it_goes():
+                    rehearse(
+                        work.job.settings, [rung.effort for rung in controller.rungs],
+                        num_views=controller.num_views, num_eyes=controller.num_eyes,
+                        has_depth=any(self._source.info.has_depth), stop=lambda: stop.is_set,
+                    )  # fmt: skip
                 frames = stage(
                     line.read_for(self._source, segments, controller), "read", gives_way=True
                 )
@@ -217,16 +219,10 @@ class LocalEngine:
 def open_source(job: Job, open_scene: Callable[..., FrameSource] = open_scene) -> FrameSource:
     """Return the scene of a job, open; where a rate is held, its decoders' threads give way."""
     options = job.input
-
-    def opened() -> FrameSource:
-        return open_scene(
-            job.scene,
-            input_layout=options.input_layout,
-            left=options.left,
-            right=options.right,
-            views=options.views,
-        )
-
+    opened = partial(
+        open_scene, job.scene, input_layout=options.input_layout, left=options.left,
+        right=options.right, views=options.views,
+    )  # fmt: skip
     return giving_way(opened) if job.settings.realtime else opened()
 
 

@@ -154,7 +154,7 @@ class FusedResult:
     misfits: tuple[float, ...]
     """Per registered view: RMS of observed − simulated over trusted pixels, grey levels."""
     density: HrImage
-    """(K·H, K·W): weight of the observations around each HR pixel."""
+    """(K·H, K·W): weight of the observations that land on each HR pixel or just behind it."""
     iterations: int
     residuals: tuple[float, ...]
     """RMS of the weighted residual after each round, grey levels."""

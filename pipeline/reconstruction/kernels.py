@@ -237,7 +237,7 @@ def _round_every_other(row, factor, out):
 
 @njit(**OPTIONS)
 def pass_on(gathered, rows, kept):
-    """Make the last rows of so many the first ones, so many of them, and empty the others."""
+    """Make the last ``kept`` of so many rows the first ones, and empty the others."""
     for row in range(kept):
         copy_row(gathered[rows - kept + row], gathered[row])
     gathered[kept:] = 0

@@ -122,16 +122,8 @@ def _turn_and_apply(
             while next_lattice < min(end_lattice, v + 2):
                 while next_spline < min(end_spline, next_lattice + 2):
                     while next_blurred < min(end_blurred, next_spline + reach + 1):
-                        _plus_row(
-                            sharpened[next_blurred],
-                            f,
-                            direction,
-                            beyond,
-                            next_blurred,
-                            lo,
-                            hi,
-                            line,
-                        )
+                        row = sharpened[next_blurred]
+                        _plus_row(row, f, direction, beyond, next_blurred, lo, hi, line)
                         blur_row(line[:width], taps_x, room, blurred[next_blurred % lines])
                         next_blurred += 1
                     place = start_of(COEFFICIENTS + next_spline % 3, width)

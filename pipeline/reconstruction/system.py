@@ -140,7 +140,9 @@ class NormalEquations:
         ----------
         predicted_by : (KH, KW) float32, optional
             An estimate, of which the values are what is observed beyond what it predicts; a
-            descent that starts there need not work out what is left to explain.
+            descent that starts there need not work out what is left to explain. Without it the
+            points are to lie on the lattice, as a reference's own do: beside it M is not quite
+            theirs, and what is far from the start feels that.
         """
         # values may be read-only: always so, for one compilation
         observations = [(x, y, _frozen_view(v), weight) for x, y, v, weight in observations]
@@ -175,7 +177,7 @@ class NormalEquations:
 
     @property
     def density(self) -> HrImage:
-        """(KH, KW): weight of the observations that are shared by places of each HR pixel."""
+        """(KH, KW): weight of the observations at the places that belong to each HR pixel."""
         out = np.empty(self.shape, np.float32)
         map_threads(
             lambda band: kernels.sum_places(self._masses, self._units, *band, out),

@@ -12,6 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,6 +25,7 @@ from pipeline.media.live_manifest import LiveManifest
 from pipeline.psf_search import search_psf
 from pipeline.realtime import Choice, Controller, Rung
 from pipeline.reconstruction.psf import GaussianPsf
+from pipeline.rehearsal import as_far_as_it_goes
 from pipeline.results import FrameResult
 from pipeline.worker import Worker
 from service.bus import keys
@@ -163,14 +165,8 @@ class StreamSession:
         """Do all that a frame may need once, so that none has to wait for it."""
         rungs = self._controller.rungs if self.options.real_time else (Rung(),)
         efforts = [rung.effort for rung in rungs]
-        try:
+        with suppress(Interrupted), as_far_as_it_goes():
             rehearse(self._frames, self.settings, efforts, self._stopping.is_set)
-        except Interrupted:
-            return
-        except MemoryError:
-            raise  # as in a frame
-        except Exception:  # the first frame will tell
-            log.warning("a stream could not be rehearsed", exc_info=True)
 
     def run(self) -> None:
         """Work until :meth:`stop`."""

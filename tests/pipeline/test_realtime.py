@@ -16,13 +16,13 @@ from pipeline.realtime import (
     COLD,
     ENOUGH,
     FAR_TOO_MUCH,
+    FILLING,
     HARDLY_TOO_MUCH,
     IN_VAIN,
     JUDGED,
     JUDGED_LONGER,
     LATE,
     LITTLE,
-    LOADING,
     LONGEST_CALM,
     PATIENCE,
     TOO_MUCH,
@@ -173,14 +173,14 @@ def test_the_first_frame_of_a_rung_says_little_of_those_that_follow():
 
 
 @pytest.mark.parametrize(("times", "is_left"), [(0.9, False), (1.1, True)])
-def test_kernels_that_are_loaded_are_not_taken_for_what_a_rung_costs(times, is_left):
+def test_caches_that_are_filled_are_not_taken_for_what_a_rung_costs(times, is_left):
     """The first frame of a rung that was gone down to decides alone by the rest of its cost."""
     controller = _controller()
     _run(controller, [0.5 * BUDGET] * 3)
     while controller.level == 0:
         _run(controller, [1.5 * BUDGET])
     level = controller.level
-    _run(controller, [FAR_TOO_MUCH * BUDGET + times * LOADING])
+    _run(controller, [FAR_TOO_MUCH * BUDGET + times * FILLING])
     assert (controller.level > level) == is_left
 
 

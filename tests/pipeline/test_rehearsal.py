@@ -12,7 +12,7 @@ from pipeline.effort import FULL
 from pipeline.errors import Interrupted
 from pipeline.realtime import ladder
 from pipeline.registration.again import AGAIN
-from pipeline.rehearsal import HEIGHT, WIDTH, rehearse, small_frames, small_scene
+from pipeline.rehearsal import HEIGHT, WIDTH, as_far_as_it_goes, rehearse, small_frames, small_scene
 
 SETTINGS = Settings(temporal="warm", realtime=True, rate=5.0)
 
@@ -53,3 +53,12 @@ def test_scenes_of_any_kind_can_be_rehearsed(num_views, num_eyes, has_depth, set
 def test_it_stops_when_told_to():
     with pytest.raises(Interrupted):
         rehearse(SETTINGS, _efforts(4), num_views=4, num_eyes=2, has_depth=True, stop=lambda: True)
+
+
+def test_a_rehearsal_that_fails_is_told_and_harms_nothing(caplog):
+    with as_far_as_it_goes():
+        raise ValueError("too small")
+    assert "too small" in caplog.text
+    for passed_on in (Interrupted, MemoryError):
+        with pytest.raises(passed_on), as_far_as_it_goes():
+            raise passed_on
