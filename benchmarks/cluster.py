@@ -36,7 +36,7 @@ def cluster(folder: Path, num_workers: int) -> Iterator[ClusterEngine]:
     file = folder / "scheduler.json"
     root = str(Path(__file__).parents[1])
     local = ("--host", "127.0.0.1", "--no-dashboard")
-    commands = [("scheduler", "--port", "0", *local)]
+    commands: list[tuple[str, ...]] = [("scheduler", "--port", "0", *local)]
     commands += [("worker", "--nthreads", "1", "--no-nanny", *local)] * num_workers
     started = []
     try:

@@ -14,7 +14,7 @@ import functools
 import itertools
 import multiprocessing
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -88,6 +88,9 @@ BORDER = 24
 RIDGE = 300.0
 """Sum of squares that taps are drawn with: to nothing those of all classes together, to them those
 of one class. Grey levels squared."""
+
+Made = tuple[int, npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.float32]]
+"""How many views; the picture made of them, how many its pixels saw, and the truth."""
 
 NOTHING = FilterBank(np.zeros((num_classes(tells_views=True), PATCH * PATCH // 2), np.float32))
 """Corrects nothing."""
@@ -264,7 +267,7 @@ def learn(folder: Path, magnification: int, sigma: float, noise: float) -> Learn
         magnification=magnification, of_one=of_one.solved(), of_all=NOTHING, trust=1.0
     )
     of_all = Sums.empty(num_classes(tells_views=True))
-    made = []
+    made: list[Made] = []
     for example in seen:
         for count in VIEWS:
             solved = fuse(
@@ -289,7 +292,13 @@ def _restored(example: Example, psf: GaussianPsf) -> npt.NDArray[np.float32]:
     return np.clip(restored(observed, example.grid, psf, example.noise), 0, 255)
 
 
-def _tell(filters, psf, noise, seen, made) -> None:
+def _tell(
+    filters: LearnedFilters,
+    psf: GaussianPsf,
+    noise: float,
+    seen: Sequence[Example],
+    made: Sequence[Made],
+) -> None:
     gains = []
     for example in seen:
         image = _restored(example, psf)
@@ -343,7 +352,7 @@ def main() -> None:
                 len(sigmas), len(noises), *taps.shape[1:]
             )
     with atomic_path(arguments.write) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **tables)
+        np.savez_compressed(file, allow_pickle=False, **tables)
     print(f"{arguments.write} in {time.monotonic() - begin:.0f} s")
 
 

@@ -351,7 +351,7 @@ def measure(load: Load, note: Any = lambda name: None) -> list[Measured]:
     from pipeline.synthetic.scene import SampleScene
     from pipeline.synthetic.writing import write_scene
 
-    found = []
+    found: list[Measured] = []
     with tempfile.TemporaryDirectory(prefix="depthsr-load-") as name:
         scenes = Path(name) / "scenes"
         write_scene(scenes / "tiny", SampleScene(width=48, height=36, num_views=3))

@@ -12,7 +12,6 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -56,17 +55,10 @@ class ForthAndBack(MemorySource):
         super().__init__(frames, fps=fps, path="forth and back")
         self.info = replace(self.info, frame_indices=range(count))
 
-    def read(self, frame_index: int) -> MultiViewFrame:
+    def read(self, frame_index: int, **what: Any) -> MultiViewFrame:
         """Return a frame; see :class:`pipeline.media.source.FrameSource`."""
-        frame = self._frames[place_of(frame_index, len(self._frames))]
+        frame = super().read(place_of(frame_index, len(self._frames)), **what)
         return replace(frame, frame_index=frame_index)
-
-    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[MultiViewFrame]:
-        """Yield frames in order."""
-        for frame_index in range(
-            start or 0, self.info.frame_indices.stop if stop is None else stop
-        ):
-            yield self.read(frame_index)
 
 
 def place_of(frame_index: int, count: int) -> int:

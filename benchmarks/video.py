@@ -17,10 +17,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
 import numpy as np
+from av.video.stream import VideoStream
 
 from benchmarks.unit import BicubicUnit
 from pipeline.config import Settings
@@ -224,7 +226,7 @@ class VideoBench:
             degraded = [degraded_input(source.read(place), degradation) for place in numbers]
             eyes = (source.info.left, source.info.right)
         frames = [item.frame for item in degraded]
-        truth = [[item.truth[eye] for eye in eyes] for item in degraded]
+        truth = [[item.truth[eye].astype(np.float32) for eye in eyes] for item in degraded]
         self._chains("kitti", frames, truth, eyes)
 
     # --- the whole way ------------------------------------------------------------------------
@@ -290,7 +292,7 @@ class VideoBench:
         return quality, summary
 
 
-def _records(summary: RunSummary) -> list[dict[str, object]]:
+def _records(summary: RunSummary) -> list[dict[str, Any]]:
     return [frame["realtime"] for frame in summary.report["frames"]]
 
 
@@ -310,6 +312,7 @@ def as_videos(manifest: Path) -> Path:
             with av.open(str(folder / name), "w") as container:
                 options = {"crf": "8", "preset": "veryfast"} if codec == "libx264" else {}
                 stream = container.add_stream(codec, rate=15, options=options)
+                assert isinstance(stream, VideoStream)
                 for index in range(content["frame_count"]):
                     picture = cv2.imread(str(folder / (view[kind] % index)), cv2.IMREAD_UNCHANGED)
                     if index == 0:

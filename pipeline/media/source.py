@@ -215,7 +215,7 @@ class MemorySource:
     def close(self) -> None:
         """Nothing is kept open."""
 
-    def __enter__(self) -> MemorySource:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
