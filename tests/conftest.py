@@ -6,16 +6,15 @@ import logging
 import os
 import threading
 from collections.abc import Iterator
-from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import hypothesis
-import psutil
 import pytest
 
 from pipeline.numba_cache import prepare_numba_cache
-from tests.support.browser import PATIENCE_MS
+from tests.support.browser import PATIENCE_MS, Chromium, kill_browsers
 from tests.support.needed import absent, program
 
 prepare_numba_cache()  # before anything imports numba
@@ -90,9 +89,12 @@ def chromium() -> Iterator[Any]:
 
     path = program("chromium")
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(
-            executable_path=path, args=list(CHROMIUM_OPTIONS), timeout=PATIENCE_MS
-        )
+        browser = Chromium(
+            partial(
+                driver.chromium.launch,
+                executable_path=path, args=list(CHROMIUM_OPTIONS), timeout=PATIENCE_MS,
+            )
+        )  # fmt: skip
         yield browser
         browser.close()
 
@@ -106,11 +108,7 @@ def browsers_answer(request: pytest.FixtureRequest) -> Iterator[None]:
     killed: list[str] = []
 
     def kill() -> None:
-        for process in psutil.Process().children(recursive=True):
-            with suppress(psutil.Error):
-                if "chrom" in process.name():
-                    killed.append(process.name())
-                    process.kill()
+        killed.extend(kill_browsers())
 
     timer = threading.Timer(ANSWERS_WITHIN, kill)
     timer.daemon = True
