@@ -17,6 +17,7 @@ from av.video.frame import PictureType
 
 from tests.support.needed import absent, program
 from tests.support.ports import free_port
+from tests.support.waiting import limited
 
 FIRST_LEVEL, STEP, LEVELS = 40, 8, 20
 """Grey of the pictures: each instant's differs from those before and after."""
@@ -172,6 +173,9 @@ class RtspServer:
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
         assert self._process.stdout is not None
-        if self._process.stdout.readline() != "ready\n":
+        with limited(self._process.kill):
+            is_ready = self._process.stdout.readline() == "ready\n"
+        if not is_ready:
+            self._process.kill()
             _, said = self._process.communicate()
             absent(f"GStreamer's RTSP server cannot be run: {said[-300:]}")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 PATIENCE = 600.0
@@ -20,3 +21,15 @@ def until(check: Callable[[], Any]) -> Any:
         assert time.monotonic() < deadline, "it never came about"
         pause.wait(0.05)
     return found
+
+
+@contextlib.contextmanager
+def limited(end: Callable[[], object]) -> Iterator[None]:
+    """Call what ends a wait that has no limit of its own, once it takes too long."""
+    timer = threading.Timer(PATIENCE, end)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

@@ -18,7 +18,7 @@ from pipeline.media import instants
 from pipeline.media.cameras import Cameras, encoded
 from pipeline.media.live_frames import PictureEncoding, decode_color
 from tests.support.camera import STEP, RtspServer, TcpCamera
-from tests.support.waiting import PATIENCE, until
+from tests.support.waiting import PATIENCE, limited, until
 
 
 @pytest.fixture
@@ -164,11 +164,11 @@ def test_a_key_frame_is_waited_for_longer_than_a_camera(monkeypatch):
 def test_cameras_speak_rtsp_over_tcp_or_udp_and_come_back():
     """GStreamer's server: one camera that is asked by TCP first, one that sends by UDP alone."""
     news, sizes, alike = [], [], 0
-    begun = time.monotonic()
+    stop = threading.Event()
     with (
-        RtspServer("left") as first, RtspServer("right:udp") as second,
+        RtspServer("left") as first, RtspServer("right:udp") as second, limited(stop.set),
         Cameras(
-            {"left": first.address("left"), "right": second.address("right")}, threading.Event(),
+            {"left": first.address("left"), "right": second.address("right")}, stop,
             on_news=news.append,
         ) as rig,
     ):  # fmt: skip
@@ -183,7 +183,8 @@ def test_cameras_speak_rtsp_over_tcp_or_udp_and_come_back():
             if alike >= 5 and not news:
                 second.restart()
                 alike = 0
-            assert time.monotonic() - begun < PATIENCE, (alike, news, sizes[-20:])
+        else:
+            pytest.fail(f"stopped after {PATIENCE:g} s: {(alike, news, sizes[-20:])}")
     assert 1 in sizes
     assert [(item.camera, item.problem is None) for item in news] == [
         ("right", False), ("right", True)
