@@ -151,3 +151,15 @@ def map_threads(
             raise
     with ThreadPoolExecutor(max_workers=limit) as small:
         return list(small.map(guarded, work))
+
+
+def shares(size: int) -> list[slice]:
+    """Return so many rows in one part for each thread that :func:`map_threads` has here.
+
+    For what is worked on row by row, so that nothing depends on how many parts there are.
+
+    >>> set_threads(2), shares(5)
+    (2, [slice(0, 2, None), slice(2, 5, None)])
+    """
+    count = 1 if getattr(_state, "inside", False) else max(1, min(thread_count(), size))
+    return [slice(size * part // count, size * (part + 1) // count) for part in range(count)]

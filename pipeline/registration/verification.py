@@ -13,6 +13,7 @@ from numba import njit
 
 from pipeline.compiled import EXACT, INLINED, LEAN
 from pipeline.frames import GreyImage, Mask, Positions, Rejection
+from pipeline.threads import map_threads, shares
 
 _NO_MOTION, _OUTSIDE, _WEIGHT, _DEPTH, _EDGE, _OCCLUDED = (
     int(Rejection.NO_MOTION), int(Rejection.OUTSIDE), int(Rejection.WEIGHT),
@@ -69,19 +70,23 @@ def registration_weights(
     """
     weights, renewed = before or (np.empty(source.shape, np.float32), np.ones(source.shape, bool))
     weights = weights.copy()
-    width = source.shape[1]
-    rows = tuple(np.empty(width, np.float32) for _ in range(3))
-    _weigh(
-        reference_coefficients, reference_coefficients.reshape(-1), position, source, offset,
-        renewed, rows, np.empty(width, np.int32), weights,
-    )  # fmt: skip
+    width, taps = source.shape[1], reference_coefficients.reshape(-1)
+
+    def weigh(rows: slice) -> None:
+        lines = tuple(np.empty(width, np.float32) for _ in range(3))
+        _weigh(
+            reference_coefficients, taps, position[rows], source[rows], offset[rows],
+            renewed[rows], lines, np.empty(width, np.int32), weights[rows],
+        )  # fmt: skip
+
+    map_threads(weigh, shares(len(weights)))
     return weights
 
 
 @njit(**LEAN)
-def _weigh(reference, taps, position, source, offset, renewed, rows, places, weights):
-    """Write the registration weights of some pixels; ``rows`` and ``places`` are scratch."""
-    along, down, value = rows
+def _weigh(reference, taps, position, source, offset, renewed, lines, places, weights):
+    """Write the registration weights of some pixels; ``lines`` and ``places`` are scratch."""
+    along, down, value = lines
     height, width = reference.shape[0] - 4, reference.shape[1] - 4
     line = np.int64(reference.shape[1])
     columns = weights.shape[1]
@@ -332,10 +337,16 @@ def verify(
     side = 2 * EDGE_REACH + 1
     near = cv2.dilate(renewed.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
     jumps = jumps_of_motion(position, near)
-    _flag(
-        position, mean_squares(weights), nearness, known, reference_nearness, reference_known,
-        nearest, jumps, within_reach(jumps, EDGE_REACH), limits, renewed, flags,
-    )  # fmt: skip
+    beside, squares = within_reach(jumps, EDGE_REACH), mean_squares(weights)
+
+    def flag(rows: slice) -> None:
+        _flag(
+            position[rows], squares[rows], nearness[rows], known[rows], reference_nearness,
+            reference_known, nearest, jumps[rows], beside[rows], limits, renewed[rows],
+            flags[rows],
+        )  # fmt: skip
+
+    map_threads(flag, shares(len(flags)))
     return flags
 
 

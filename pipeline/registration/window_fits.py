@@ -25,7 +25,8 @@ from pipeline.registration.motions import (
     least_scale,
 )
 from pipeline.registration.patches import Windows
-from pipeline.registration.prepare import PreparedView
+from pipeline.registration.prepare import Level, PreparedView
+from pipeline.threads import map_threads, shares
 
 BESIDE, ACROSS = 0.46, 0.21
 """Weights of the cells at the four sides and at the four corners: the shares of them that a
@@ -152,10 +153,9 @@ def fit_windows(
         due = chosen
         sums = kept_sums / pitch**2
         for _ in range(run.iterations):
-            window_kernels.sum_cells(
-                at.image, at.gradient_x, at.gradient_y, onto.coefficients, run.stride, finer,
-                patches.owners, patches.cells, patches.windows, motion, due,
-                least_scale(noise, run.level), scale, sums, *samples.planes,
+            _sum_up(
+                at, onto, run.stride, finer, patches, motion, due, least_scale(noise, run.level),
+                scale, sums, samples,
             )  # fmt: skip
             window_kernels.step_windows(
                 sums, first, *patches.grid, patches.windows, motion, start, precision,
@@ -183,9 +183,28 @@ def take_samples(
     at, onto = source.fine, reference.fine
     count = len(patches.windows)
     samples = no_samples(at.image.shape)
-    window_kernels.sum_cells(
-        at.image, at.gradient_x, at.gradient_y, onto.coefficients, 1, 1, patches.owners,
-        patches.cells, patches.windows, motion, np.ones(count, bool), 1.0,
-        np.ones(count, np.float32), np.zeros((count, NUM_SUMS)), *samples.planes,
+    _sum_up(
+        at, onto, 1, 1, patches, motion, np.ones(count, bool), 1.0, np.ones(count, np.float32),
+        np.zeros((count, NUM_SUMS)), samples,
     )  # fmt: skip
     return samples
+
+
+def _sum_up(
+    at: Level, onto: Level, stride: int, finer: int, patches: Windows, motion: Motions, due: Chosen,
+    smallest_scale: float, scale: npt.NDArray[np.float32], sums: npt.NDArray[np.float64],
+    samples: Samples,
+) -> None:  # fmt: skip
+    """Do what :func:`window_kernels.sum_cells` does, a share of what is due on each thread."""
+    numbers = np.flatnonzero(due)
+
+    def sum_up(share: slice) -> None:
+        part = np.zeros_like(due)
+        part[numbers[share]] = True
+        window_kernels.sum_cells(
+            at.image, at.gradient_x, at.gradient_y, onto.coefficients, stride, finer,
+            patches.owners, patches.cells, patches.windows, motion, part, smallest_scale, scale,
+            sums, *samples.planes,
+        )  # fmt: skip
+
+    map_threads(sum_up, shares(numbers.size))

@@ -83,7 +83,11 @@ class Memory:
 
     def has_moved(self, frame: MultiViewFrame, targets: Sequence[str]) -> bool:
         """Return whether a frame shows the targets as the one before, from another place."""
-        return all(has_moved(frame.view(target).luma, self._observed[target]) for target in targets)
+        return all(
+            map_threads(
+                lambda target: has_moved(frame.view(target).luma, self._observed[target]), targets
+            )
+        )
 
     def move(self) -> None:
         """Keep of the frames so far only what holds wherever the rig is."""
@@ -278,10 +282,11 @@ class Memory:
         """Return how the targets have moved since the previous frame; empty where there is none."""
         if self.previous is None:
             return {}
-        return {
-            target: match_blocks(frame.view(target).luma, self._observed[target], noise)
-            for target in targets
-        }
+        found = map_threads(
+            lambda target: match_blocks(frame.view(target).luma, self._observed[target], noise),
+            targets,
+        )
+        return dict(zip(targets, found, strict=True))
 
     def keep(self, found: Previous, observed: dict[str, GreyImage]) -> None:
         """Remember a frame that is registered."""

@@ -48,6 +48,8 @@ class Seen:
     """Whether the noise last asked for has fallen so far that what came before it is of no use."""
     _noise: dict[str, float] = field(default_factory=dict)
     """By view, grey levels."""
+    _last_noise: dict[str, float] = field(default_factory=dict)
+    """That of the views of the last frame that were looked at."""
     _details: dict[str, tuple[Detail, ...]] = field(default_factory=dict)
     """By target, of the last frames looked at."""
     _detailed: int = -1
@@ -60,8 +62,8 @@ class Seen:
         return Seen(_details=self._details, _detailed=self._detailed, _frames=self._frames)
 
     def moved_on(self) -> None:
-        """Forget what is of where the rig was: the next look at noise is at all views."""
-        self.still, self._noise = {}, {}
+        """Forget what is of where the rig was: noise is still to be looked at in other views."""
+        self.still, self._noise = {}, self._last_noise
 
     def noise(self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]) -> float:
         """Return the noise of the settings, or that of the frame's views, grey levels.
@@ -72,6 +74,7 @@ class Seen:
         if settings.noise_sigma is not None:
             return settings.noise_sigma
         known, before = self._noise, self.known_noise(view_ids)
+        self._last_noise = {}
         due = [name for name in view_ids if name not in known]
         if not due:
             one = view_ids[frame.frame_index % len(view_ids)]
@@ -85,8 +88,9 @@ class Seen:
 
     def _look_at(self, frame: MultiViewFrame, view_ids: Sequence[str]) -> None:
         """Estimate the noise of some views."""
-        found = map_threads(estimate_noise, [frame.view(name).luma for name in view_ids])
-        self._noise = {**self._noise, **dict(zip(view_ids, found, strict=True))}
+        lumas = [frame.view(name).luma for name in view_ids]
+        found = dict(zip(view_ids, map_threads(estimate_noise, lumas), strict=True))
+        self._noise, self._last_noise = self._noise | found, self._last_noise | found
 
     def known_noise(self, view_ids: Sequence[str]) -> float | None:
         """Return the noise that frames before have shown, grey levels; None: none has."""
