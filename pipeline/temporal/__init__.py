@@ -3,7 +3,7 @@
 Not in the thesis, which computes every frame on its own. Nothing here registers or solves;
 :mod:`pipeline.superresolve.chain` asks in which order.
 
-* :mod:`still`: what stands still, averaged over time;
+* :mod:`still`, :mod:`still_kernels`: what stands still, averaged over time;
 * :mod:`initial`: blocks found again in the frame before, and its result moved along with them;
 * :mod:`flow`: small patches found again to a fraction of a pixel, for what moves;
 * :mod:`moving`: a moving camera told from a cut;

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pipeline.compiled import LEAN, OPTIONS
 from pipeline.frames import GreyImage, Mask
 
 TILE = 32
@@ -38,6 +39,8 @@ LAG_OF_MOST = (0.01, 0.01)
 SLIGHT_LAG = (0.01, 0.004)
 """The same from which they should not be left alone for long."""
 
+BOUNDS = LAG, LAG_OF_MOST, SLIGHT_LAG
+
 CALM = 1 / 4
 """Share of the tiles by which noise is told: those in which what is finer than detail differs
 least."""
@@ -47,6 +50,9 @@ PASSED = 1 / 3
 
 FADED = 3 / 4
 """What it does to the second product, over what to the first: so much of the mean is kept."""
+
+NUM_SUMS = 5
+"""Of a tile."""
 
 LEAST = TILE**2 / 3
 """Pixels of a tile that are counted at least: of few, chance says more."""
@@ -93,114 +99,169 @@ def tile_pixels(tiles: Mask, shape: tuple[int, ...]) -> Mask:
     return tiles[rows[:, None], columns]
 
 
+def no_sums(shape: tuple[int, ...]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return room for the sums of a picture's tiles, see :func:`add_tiles`."""
+    sums = np.zeros((NUM_SUMS, *tiles_of(shape)))
+    return sums, np.zeros_like(sums[0])
+
+
 def lagging_tiles(
-    difference: GreyImage,
-    smooth: GreyImage,
-    wide: GreyImage,
-    before: Away,
-    count: npt.NDArray[np.float32],
-    reached: npt.NDArray[np.uint8],
-    noise: float,
-    restless: Mask,
-) -> tuple[Away, Mask, bool]:
-    """Return how a frame differs from the mean before, which tiles lag, whether others begin to.
+    sums: npt.NDArray[np.float64], numbers: npt.NDArray[np.float64], noise: float, restless: Mask
+) -> tuple[Mask, bool]:
+    """Return which tiles lag behind, and whether the others begin to.
 
     Parameters
     ----------
-    difference, smooth, wide : (H, W) float32
-        The frame less the mean, bounded where it is more than noise; the same smoothed, unbounded,
-        and the bounded one in the mean of a wide box: how bright a picture is does not matter much.
-    before : Away
-        What this function returned one frame earlier.
-    count : (H, W) float32
-        Frames that the mean is worth.
-    reached : (H, W) uint8
-        Whether the pixel has changed, or lies near what has.
+    sums : (5, rows, columns) float64
+        Of how a frame differs from the mean before, see :func:`add_row`.
+    numbers : (rows, columns) float64
+        Pixels that were counted.
     noise : float
         Standard deviation, grey levels.
     restless : (rows, columns) bool
+        See :func:`ask_tiles`.
+    """
+    lagging = np.zeros(numbers.shape, np.bool_)
+    bounds = np.array([constant + share * noise**2 for constant, share in BOUNDS])
+    begins = _tell(sums.reshape(len(sums), -1), numbers.ravel(), bounds, restless.ravel(),
+        lagging.ravel())  # fmt: skip
+    return lagging, begins
+
+
+@njit(**OPTIONS)
+def _tell(sums, numbers, bounds, restless, lagging):
+    """Write which tiles lag behind, and return whether the others begin to; all flat.
+
+    ``bounds`` are those of a tile, of the median of all others, and of the latter's beginning.
+    """
+    means, seen = np.empty_like(sums), numbers >= LEAST
+    for tile in range(numbers.size):
+        counted = max(numbers[tile], LEAST)
+        for kind in range(sums.shape[0]):
+            means[kind, tile] = sums[kind, tile] / counted
+    finest = np.sort(means[4][seen])
+    if finest.size == 0:
+        return False
+    limit, finer, least_power, count = _quantile(finest, CALM), 0.0, 0.0, 0
+    for tile in range(numbers.size):
+        if seen[tile] and means[4, tile] <= limit:
+            finer += means[3, tile]
+            least_power += means[4, tile]
+            count += 1
+    share = finer / least_power if least_power > 0 else 0.0
+    least_power /= count
+    rest, others = np.empty(numbers.size), 0
+    for tile in range(numbers.size):
+        # a codec's noise is more here than there: of a tile its own counts, of all what there is
+        # least
+        if share > 0:
+            noisy = min(means[2, tile], means[4, tile])
+            little = min(means[2, tile], least_power)
+        else:
+            noisy = little = PASSED * least_power * numbers[tile] / max(numbers[tile], LEAST)
+        lagging[tile] = _lag(means, tile, share, noisy, restless[tile]) > bounds[0]
+        if not lagging[tile]:
+            rest[others] = _lag(means, tile, share, little, restless[tile])
+            others += 1
+    middle = _quantile(np.sort(rest[:others]), 0.5) if others else np.inf
+    if middle > bounds[1]:
+        lagging[:] = True
+    return middle > bounds[2]
+
+
+@njit(**LEAN)
+def _lag(means, tile, share, hidden, is_restless):
+    """Return the square of a tile's lag, of which noise has done a share of what is hidden."""
+    if is_restless:
+        # of a mean of two frames noise of their own does nothing
+        return means[0, tile] - max(share, 0.0) * hidden
+    faded = 1.0 if share > 0 else FADED
+    return min(means[0, tile] - share * hidden, means[1, tile] - faded * share * hidden)
+
+
+@njit(**LEAN)
+def _quantile(ascending, share):
+    """Return what that share of the numbers does not exceed, between two of them linearly."""
+    place = share * (ascending.size - 1)
+    below = int(place)
+    above = min(below + 1, ascending.size - 1)
+    return ascending[below] + (place - below) * (ascending[above] - ascending[below])
+
+
+@njit(**LEAN)
+def tile_of(row, count):
+    """Return the row of tiles, of so many, in which a row of pixels lies."""
+    return min(row // TILE, count - 1)
+
+
+@njit(**LEAN)
+def ask_tiles(restless, asked_from):
+    """Write of how many frames a mean is to be before it is asked, for each column of pixels.
+
+    Parameters
+    ----------
+    restless : (columns,) bool
         Tiles that lagged, and began anew, two frames ago: they are asked a frame sooner than
         others, of the one product that there is.
+    asked_from : (W,) float32
+        Overwritten.
     """
-    away, fine = np.empty_like(smooth), np.empty_like(smooth)
-    sums = np.zeros((5, *tiles_of(smooth.shape)))
-    numbers = np.zeros_like(sums[0])
-    _sum_tiles(
-        difference, smooth, wide, *before.detail, before.fine, count, reached, restless, away,
-        fine, sums, numbers,
-    )  # fmt: skip
-    now = Away(detail=(away, before.detail[0]), fine=fine)
-    counted = np.maximum(numbers, LEAST)
-    first, second, power, finer, finer_power = sums / counted
-    seen = numbers >= LEAST
-    if not seen.any():
-        return now, np.zeros(numbers.shape, np.bool_), False
-    calm = seen & (finer_power <= np.quantile(finer_power[seen], CALM))
-    least_power = float(finer_power[calm].mean())
-    share = float(finer[calm].mean()) / least_power if least_power else 0.0
-    if share > 0:
-        noisy, little = np.minimum(power, finer_power), np.minimum(power, least_power)
-    else:
-        noisy = little = PASSED * least_power * numbers / counted
-
-    def lags(hidden: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return the squares of the lag, of which noise has done a share of what is hidden."""
-        faded = 1.0 if share > 0 else FADED
-        both = np.minimum(first - share * hidden, second - faded * share * hidden)
-        # of a mean of two frames noise of their own does nothing
-        return np.where(restless, first - max(share, 0.0) * hidden, both)
-
-    one, most, slightly = (
-        bound[0] + bound[1] * noise**2 for bound in (LAG, LAG_OF_MOST, SLIGHT_LAG)
-    )
-    # a codec's noise is more here than there: of a tile its own counts, of all what there is least
-    lagging = lags(noisy) > one
-    rest = np.inf if lagging.all() else float(np.median(lags(little)[~lagging]))
-    if rest > most:
-        lagging[:] = True
-    return now, lagging, rest > slightly
+    for column in range(asked_from.size):
+        is_restless = restless[tile_of(column, restless.size)]
+        asked_from[column] = np.float32(2) if is_restless else np.float32(3)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _sum_tiles(
-    difference, smooth, wide, first, second, fine_before, count, reached, restless, away, fine,
-    sums, numbers,
-):  # fmt: skip
-    """Write how detail and finer things differ, and add up by tile what they have in common.
+@njit(**LEAN)
+def add_row(
+    detail, fine, first, second, fine_before, frames, reached, asked_from, products, counted
+):
+    """Add up, column by column, what a row has in common with the frames before.
 
     That is the products of detail with that of the two frames before and its mean square in this
     frame and the one before, and the same for finer things, of one frame before.
+
+    Parameters
+    ----------
+    detail, fine : (W,) float32
+        How the frame differs from the mean before, grey levels.
+    first, second, fine_before : (W,) float32
+        The same of one frame before, of two, and of one.
+    frames, asked_from : (W,) float32
+        Of how many the mean is one, and of how many it is to be.
+    reached : (W,) uint8
+        Whether the pixel has changed, or lies near what has.
+    products : (5, W) float32
+    counted : (W,) float32
+        Pixels.
     """
-    height, width = smooth.shape
-    rows, columns = numbers.shape
-    totals, found = np.zeros((5, width), np.float32), np.zeros(width, np.float32)
-    half = np.float32(0.5)
-    asked_from = np.empty(width, np.float32)
-    for row in range(height):
-        at = min(row // TILE, rows - 1)
-        if row == 0 or min((row - 1) // TILE, rows - 1) < at:
-            for column in range(width):
-                is_restless = restless[at, min(column // TILE, columns - 1)]
-                asked_from[column] = 2 if is_restless else 3
-        for column in range(width):
-            detail = smooth[row, column] - wide[row, column]
-            finer = difference[row, column] - smooth[row, column]
-            away[row, column] = detail
-            fine[row, column] = finer
-            is_asked = count[row, column] >= asked_from[column]
-            stands = np.float32((reached[row, column] == 0) & is_asked)
-            last, finer_last = first[row, column], fine_before[row, column]
-            totals[0, column] += stands * detail * last
-            totals[1, column] += stands * detail * second[row, column]
-            totals[2, column] += stands * half * (detail * detail + last * last)
-            totals[3, column] += stands * finer * finer_last
-            totals[4, column] += stands * half * (finer * finer + finer_last * finer_last)
-            found[column] += stands
-        if row == height - 1 or min((row + 1) // TILE, rows - 1) > at:
-            for column in range(width):
-                tile = min(column // TILE, columns - 1)
-                for kind in range(5):
-                    sums[kind, at, tile] += totals[kind, column]
-                numbers[at, tile] += found[column]
-            totals[:] = 0
-            found[:] = 0
+    half, zero, one = np.float32(0.5), np.float32(0.0), np.float32(1.0)
+    for x in range(detail.size):
+        own, finer, last, finer_last = detail[x], fine[x], first[x], fine_before[x]
+        stands = one if (reached[x] == 0) & (frames[x] >= asked_from[x]) else zero
+        products[0, x] += stands * own * last
+        products[1, x] += stands * own * second[x]
+        products[2, x] += stands * half * (own * own + last * last)
+        products[3, x] += stands * finer * finer_last
+        products[4, x] += stands * half * (finer * finer + finer_last * finer_last)
+        counted[x] += stands
+
+
+@njit(**LEAN)
+def add_tiles(products, counted, at, sums, numbers):
+    """Hand what was added up in columns over to the tiles of a row, and begin anew.
+
+    Parameters
+    ----------
+    products, counted
+        Of :func:`add_row`.
+    sums, numbers : (5, rows, columns), (rows, columns) float64
+        Added to, in row ``at``.
+    """
+    columns = numbers.shape[1]
+    for x in range(counted.size):
+        tile = tile_of(x, columns)
+        for kind in range(products.shape[0]):
+            sums[kind, at, tile] += products[kind, x]
+            products[kind, x] = 0
+        numbers[at, tile] += counted[x]
+        counted[x] = 0
