@@ -1,6 +1,6 @@
 """How well pixels agree with what is predicted of them: weights, and what is left over.
 
-Compiled loops over one view, in row after row of LR pixels.
+Compiled loops over views, in row after row of LR pixels.
 """
 
 from __future__ import annotations
@@ -9,24 +9,35 @@ import numpy as np
 from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
+from pipeline.reconstruction import kernels
 from pipeline.reconstruction.rows import blur_ring, blur_row
+from pipeline.reconstruction.tables import bytes_at, floats_at
 
 NO_WEIGHT = np.float32(1e38)
 """Excess of a pixel that shall have no weight: none is left of it in 32 bits, without a branch."""
 
 
+OBSERVED, FLAGS = kernels.WEIGHT + 1, kernels.WEIGHT + 2
+"""Of the images of an observation's row of a table, beside those of :data:`kernels.WEIGHT`: what is
+observed, grey levels, and the flags, uint8."""
+
+
 @njit(**OPTIONS)
-def weigh(
-    predicted, observed, threshold, mark, impossible, largest, low_pass, window, expected,
-    tolerated, severity, doubt, flags, weights,
+def weigh_views(
+    observations, lo, hi, reference, threshold, mark, impossible, largest, low_pass, window,
+    expected, tolerated, severity, doubt, agreeing,
 ):  # fmt: skip
-    """Write the weights of a view's pixels from the prediction error around them.
+    """Write the weights of views' pixels from the prediction error around them.
 
     Parameters
     ----------
-    predicted, observed : (H, W) float32
-        Grey levels; what is predicted is NaN where there is nothing to compare. In its place comes
-        what is observed beyond it.
+    observations : Table
+        See :data:`FLAGS`. Values are what is predicted, NaN where there is nothing to compare; in
+        its place comes what is observed beyond it. Flags are changed in place, weights overwritten.
+    lo, hi : int
+        Views that are looked at, half-open.
+    reference : int
+        One among them, or elsewhere, whose weights are not written.
     threshold : float
         Pixels predicted worse get the flags of ``mark``, grey levels.
     impossible : uint8
@@ -42,27 +53,30 @@ def weigh(
     doubt : float
         Share of the view's mean excess that is added to that of each pixel; for the mean, each is
         cut off at t.
-    flags : (H, W) uint8
-        Changed in place.
-    weights : (H, W) float32
-
-    Returns
-    -------
-    agreeing : float
-        What the mean of the weights would be without doubt.
+    agreeing : (N,) float64
+        What the mean of each view's weights would be without doubt; overwritten.
     """
-    width, lines, around = predicted.shape[1], 2 * low_pass.size - 1, 2 * window.size - 1
-    total, count = _excesses(
-        predicted, observed, threshold, mark, impossible, largest, low_pass, window, expected,
-        tolerated, flags, weights,
-        np.empty((lines, width), np.float32), np.empty((around, width), np.float32),
-        np.empty(width + max(lines, around), np.float32), np.empty(width, np.float32),
-    )  # fmt: skip
-    more = np.float32(doubt * max(total, 0.0) / max(count, 1.0))
-    agreeing = 0.0
-    for y in range(predicted.shape[0]):
-        agreeing += _weight(more, np.float32(tolerated), np.float32(severity), weights[y])
-    return agreeing / predicted.size
+    for number in range(lo, hi):
+        predicted = floats_at(observations, number, kernels.VALUE)
+        observed = floats_at(observations, number, OBSERVED)
+        if number == reference:
+            for y in range(predicted.shape[0]):
+                _subtract_from(observed[y], predicted[y])
+            continue
+        weights = floats_at(observations, number, kernels.WEIGHT)
+        flags = bytes_at(observations, number, FLAGS)
+        width, lines, around = predicted.shape[1], 2 * low_pass.size - 1, 2 * window.size - 1
+        total, count = _excesses(
+            predicted, observed, threshold, mark, impossible, largest, low_pass, window, expected,
+            tolerated, flags, weights,
+            np.empty((lines, width), np.float32), np.empty((around, width), np.float32),
+            np.empty(width + max(lines, around), np.float32), np.empty(width, np.float32),
+        )  # fmt: skip
+        more = np.float32(doubt * max(total, 0.0) / max(count, 1.0))
+        free = 0.0
+        for y in range(predicted.shape[0]):
+            free += _weight(more, np.float32(tolerated), np.float32(severity), weights[y])
+        agreeing[number] = free / predicted.size
 
 
 @njit(**LEAN)

@@ -16,6 +16,7 @@ noise.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -40,6 +41,7 @@ from pipeline.reconstruction.system import (
     sample,
     spline_coefficients,
 )
+from pipeline.reconstruction.tables import Table, table_of
 from pipeline.threads import map_threads
 
 IMPOSSIBLE = np.uint8(
@@ -272,49 +274,58 @@ def by_power(value: float, powers: tuple[float, float]) -> float:
     return value ** (below if value < 1 else above)
 
 
-def agreement_weights(
-    predicted: GreyImage, observed: GreyImage, noise: float, others: int, tuning: FusedTuning,
-    threshold: float, flags: npt.NDArray[np.uint8],
-) -> tuple[npt.NDArray[np.float32], float]:  # fmt: skip
-    """Return the weight of each LR pixel from the prediction error around it, (H, W) 0..1.
+def weigh_by_agreement(
+    observations: Table, some: tuple[int, int], reference: int, noise: float, others: int,
+    tuning: FusedTuning, threshold: float, agreeing: npt.NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Write the weight of each LR pixel from the prediction error around it, 0..1.
 
     The error is low-passed first: what the reference view alone cannot predict, because it
     is aliased, is exactly what the other views bring, and lies near the LR Nyquist limit;
     a wrong position shows at lower frequencies too. With e² the local mean of the squared
     low-passed error and σ² g what noise alone makes of it, the excess is x = e² − n σ² g, or
     nothing, and the weight (t² / (t² + c (x + r x̄)))², t² = σ² + (bσ)² + a², x̄ the mean of the
-    view's excesses, each cut off at t²; see :class:`FusedTuning`. The mean that the weights would
-    have without r is returned, too.
+    view's excesses, each cut off at t²; see :class:`FusedTuning`.
 
     Parameters
     ----------
-    predicted, observed : (H, W) float32
-        Grey levels; what is predicted is NaN where there is nothing to compare. In its place comes
-        what is observed beyond it.
+    observations : Table
+        See ``agreement.FLAGS``: changed in place.
+    some : (int, int)
+        Those that are looked at, half-open.
+    reference : int
+        The one whose weights are not written.
     noise : float
         Grey levels.
     others : int
-        Views beside the reference, this one among them.
+        Views beside the reference.
     threshold : float
         T_R, grey levels: pixels predicted worse are flagged.
-    flags : (H, W) uint8
-        See :class:`Rejection`; changed in place.
+    agreeing : (N,) float64
+        The mean that the weights would have without r; overwritten.
     """
     constant, factor = tuning.agreement
-    low_pass, window = (
-        cv2.getGaussianKernel(side, sigma)[:, 0]
-        for side, sigma in ((7, tuning.low_pass), (5, tuning.window))
-    )
-    passed = float((low_pass**2).sum() ** 2)
+    low_pass, window, passed = _smoothing(tuning.low_pass, tuning.window)
     each, most = tuning.doubt
-    weights = np.empty(predicted.shape, np.float32)
-    agreeing = agreement.weigh(
-        predicted, observed, float(threshold), np.uint8(Rejection.RESIDUAL), IMPOSSIBLE,
-        LARGEST_ERROR, low_pass[3:].astype(np.float32), window[2:].astype(np.float32),
-        tuning.expected * passed * noise**2, noise**2 + (factor * noise) ** 2 + constant**2,
-        tuning.severity, min(each * others, most), flags, weights,
+    agreement.weigh_views(
+        observations, *some, reference, float(threshold), np.uint8(Rejection.RESIDUAL), IMPOSSIBLE,
+        LARGEST_ERROR, low_pass, window, tuning.expected * passed * noise**2,
+        noise**2 + (factor * noise) ** 2 + constant**2, tuning.severity, min(each * others, most),
+        agreeing,
     )  # fmt: skip
-    return weights, agreeing
+
+
+@functools.cache
+def _smoothing(
+    low_pass: float, window: float
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], float]:
+    """Return the half taps of two Gaussians, and the power of noise that the first one leaves."""
+    first, second = (
+        cv2.getGaussianKernel(side, sigma)[:, 0] for side, sigma in ((7, low_pass), (5, window))
+    )
+    return (
+        first[3:].astype(np.float32), second[2:].astype(np.float32), float((first**2).sum() ** 2)
+    )  # fmt: skip
 
 
 def fuse(
@@ -406,41 +417,45 @@ def fuse(
     if steps_alone > 0:
         system.gather([(*points[reference], own.observed, ones)])
         estimate = solve(estimate, steps_alone, most_steps if is_alone else None)
-    weights: list[npt.NDArray[np.float32]] = [ones] * len(registered)
+    weights = [
+        ones if index == reference else np.empty(view.observed.shape, np.float32)
+        for index, view in enumerate(registered)
+    ]
     flags = [view.flags.copy() for view in registered]
     if not is_alone:
         coefficients = spline_coefficients(estimate, taps)
         is_correctable = learned is not None and noise >= CORRECTED_FROM
+        observed = [np.ascontiguousarray(view.observed) for view in registered]
+        beyond = [np.empty_like(image) for image in observed]
+        agreeing = np.ones(len(registered))
 
-        def agreement_of(index: int) -> tuple[HrImage, npt.NDArray[np.float32], float]:
-            beyond = sample(coefficients, *points[index])
-            found, agreeing = agreement_weights(
-                beyond, registered[index].observed, noise, len(registered) - 1, tuning,
-                residual_threshold, flags[index],
+        def row(index: int) -> tuple[npt.NDArray, ...]:
+            return *points[index], beyond[index], weights[index], observed[index], flags[index]
+
+        table = table_of(row(index) for index in range(len(registered)))
+
+        def weigh(some: tuple[int, int]) -> None:
+            kernels.sample_views(coefficients, table, *some)
+            weigh_by_agreement(
+                table, some, reference, noise, len(registered) - 1, tuning, residual_threshold,
+                agreeing,
             )  # fmt: skip
-            return beyond, found, agreeing
 
-        def weigh(index: int) -> tuple[HrImage, npt.NDArray[np.float32]]:
-            view = registered[index]
-            if index == reference:
-                return view.observed - sample(coefficients, *points[index]), ones
-            beyond, found, agreeing = agreement_of(index)
-            if not is_correctable:
-                return beyond, found
-            # what is possible is counted where it may matter
-            if agreeing < tuning.agreeing and agreeing < tuning.agreeing * _possible(view):
-                points[index] = realigned(
-                    coefficients, points[index], view.observed, noise, grid, tuning.corrections
-                )
-                flags[index] = view.flags.copy()
-                beyond, found, _ = agreement_of(index)
-            return beyond, found
+        def weigh_and_correct(some: tuple[int, int]) -> None:
+            weigh(some)
+            for index in range(*some) if is_correctable else ():
+                bound, view = tuning.agreeing, registered[index]
+                # what is possible is counted where it may matter
+                if agreeing[index] < bound and agreeing[index] < bound * _possible(view):
+                    points[index] = realigned(
+                        coefficients, points[index], view.observed, noise, grid, tuning.corrections
+                    )
+                    np.copyto(flags[index], view.flags)
+                    table[index] = table_of([row(index)])
+                    weigh((index, index + 1))
 
-        weighed = map_threads(weigh, range(len(registered)))
-        weights = [found for _, found in weighed]
-        system.gather(
-            [(*there, *of_view) for there, of_view in zip(points, weighed, strict=True)], estimate
-        )
+        map_threads(weigh_and_correct, system.shares_of(len(registered)))
+        system.gather_table(table, estimate)
         estimate = solve(estimate, tuning.together, most_steps)
     residuals: tuple[float, ...] = ()
     misfits: tuple[float, ...] = ()

@@ -14,6 +14,7 @@ from pipeline.compiled import LEAN, OPTIONS
 from pipeline.reconstruction.half_pixels import LATTICE
 from pipeline.reconstruction.rows import copy_row, mirror
 from pipeline.reconstruction.simd import LANES, TOGETHER, add_observation, sample_eight
+from pipeline.reconstruction.tables import floats_at
 
 SMALLEST_WEIGHT = 0.01
 """Observations of no more weight are not worth their time."""
@@ -32,34 +33,47 @@ QUARTERS = 4
 other, and a sum is not read just after it was written."""
 
 
-@njit(**OPTIONS)
-def landing_rows(position_y, weight, height, first, last):
+X, Y, VALUE, WEIGHT = range(4)
+"""Of the images of an observation's row of a table: its landing points, HR pixels, what is observed
+there, grey levels, and its weight; one up to ``SMALLEST_WEIGHT`` leaves the pixel out."""
+
+
+@njit(**LEAN)
+def landing_rows(observations, starts, lo, hi, height, landing):
     """Write the first and the last HR row on which pixels of each stretch of an LR row land.
 
     Parameters
     ----------
-    position_y, weight : (H, W) float32
-        HR pixels; a weight up to ``SMALLEST_WEIGHT`` leaves the pixel out.
+    observations : Table
+        See :data:`WEIGHT`.
+    starts : (N,) int64
+        Where those of each observation begin in ``landing``.
+    lo, hi : int
+        Observations that are looked at, half-open.
     height : int
         KH.
-    first, last : (H, ⌈W / TOGETHER⌉) int32
+    landing : (2, ≥ Σ H · ⌈W / TOGETHER⌉) int32
         Overwritten; first > last where none lands inside.
     """
     smallest, half, nothing = np.float32(SMALLEST_WEIGHT), np.float32(0.5), np.float32(0.0)
     below, top = np.float32(height) - half, np.int32(height)
-    for row in range(first.shape[0]):
-        for stretch in range(first.shape[1]):
-            start = stretch * TOGETHER
-            points = position_y[row, start : start + TOGETHER]
-            weights = weight[row, start : start + TOGETHER]
-            low, high = top, np.int32(-1)
-            for k in range(points.size):
-                y = points[k]
-                is_in = (weights[k] > smallest) & (y >= -half) & (y < below)
-                nearest = np.int32((y if is_in else nothing) + half)
-                low = min(low, nearest if is_in else top)
-                high = max(high, nearest if is_in else np.int32(-1))
-            first[row, stretch], last[row, stretch] = low, high
+    for number in range(lo, hi):
+        position_y = floats_at(observations, number, Y)
+        weight = floats_at(observations, number, WEIGHT)
+        at = starts[number]
+        for row in range(weight.shape[0]):
+            for start in range(0, weight.shape[1], TOGETHER):
+                points = position_y[row, start : start + TOGETHER]
+                weights = weight[row, start : start + TOGETHER]
+                low, high = top, np.int32(-1)
+                for k in range(points.size):
+                    y = points[k]
+                    is_in = (weights[k] > smallest) & (y >= -half) & (y < below)
+                    nearest = np.int32((y if is_in else nothing) + half)
+                    low = min(low, nearest if is_in else top)
+                    high = max(high, nearest if is_in else np.int32(-1))
+                landing[0, at], landing[1, at] = low, high
+                at += 1
 
 
 @njit(**LEAN)
@@ -72,11 +86,10 @@ def _spline(t):
 
 
 @njit(**OPTIONS)
-def gather_observations(
-    position_x, position_y, observed, weight, first, last, level, lo, hi, height, width, sums,
-    values,
+def gather_band(
+    observations, starts, landing, level, first, end, tile, height, width, masses, units, rhs
 ):  # fmt: skip
-    """Add one view's observations to the sums of HR rows, in place.
+    """Gather what lands on some HR rows, and write it as the sweeps read it.
 
     Each observation is a quadratic B-spline sample of the blurred estimate: nine taps s around
     the nearest HR pixel, and adds w·s·y to b. Its weight is shared by the four places of the
@@ -84,32 +97,76 @@ def gather_observations(
 
     Parameters
     ----------
-    position_x, position_y : (H, W) float32
-        Landing points, HR pixels.
-    observed, weight : (H, W) float32
-        Grey levels; a weight up to ``SMALLEST_WEIGHT`` leaves the pixel out.
-    first, last : (H, ⌈W / TOGETHER⌉) int32
-        From :func:`landing_rows`.
+    observations, starts, landing
+        Of :func:`landing_rows`.
     level : float32
         Subtracted from what is observed, grey levels.
-    lo, hi : int
-        HR rows, half-open, to which the observations are nearest that are added.
+    first, end : int
+        The rows, half-open.
+    tile : int
+        Rows whose sums are kept at once.
     height, width : int
         KH, KW.
+    masses : (KH, 4, KW + TAIL) uint16
+        Weight at each place of the half-pixel lattice; zero behind the last pixel. These rows are
+        overwritten.
+    units : (KH,) float32
+        What one is worth in each row.
+    rhs : (KH, KW) float32
+        b.
+    """
+    rows = tile + KEPT
+    sums = np.zeros((2 * rows, 2 * width), np.float32)
+    values = np.zeros((rows, width + MARGIN), np.float32)
+    rooms = (
+        np.empty(TOGETHER, np.int32), np.empty(TOGETHER, np.int32),
+        np.zeros(4 * TOGETHER, np.float32), np.zeros(4 * TOGETHER, np.float32),
+        np.empty(4 * TOGETHER, np.float32),
+    )  # fmt: skip
+    done = first
+    for lo in range(first - 1, end + 1, tile):
+        hi = min(lo + tile, end + 1)
+        for number in range(observations.shape[0]):
+            _gather(
+                observations, number, starts[number], landing, level, lo, hi, height, width, sums,
+                values, rooms,
+            )  # fmt: skip
+        # what lands on later rows adds nothing to these
+        whole = max(hi - 1, done)
+        _spread_sums(sums, values, lo - 1, done, whole, masses, units, rhs)
+        _pass_on(sums, 2 * (hi - lo + KEPT), 2 * KEPT)
+        _pass_on(values, hi - lo + KEPT, KEPT)
+        done = whole
+
+
+@njit(**LEAN)
+def _gather(
+    observations, number, stretch, landing, level, lo, hi, height, width, sums, values, rooms
+):  # fmt: skip
+    """Add one view's observations that are nearest to HR rows ``lo`` to ``hi``, in place.
+
+    Parameters
+    ----------
+    stretch : int
+        The first one of the view.
     sums : (2 rows, 2·KW) float32
         Of weights, on the half-pixel lattice of the at least hi − lo + KEPT rows from ``lo`` − 1.
     values : (rows, KW + MARGIN) float32
         b of these rows.
+    rooms
+        What :func:`_weigh_taps` writes.
     """
+    to_weights, to_values, along, of_rows, shares = rooms
+    position_x, position_y = floats_at(observations, number, X), floats_at(observations, number, Y)
+    observed = floats_at(observations, number, VALUE)
+    weight = floats_at(observations, number, WEIGHT)
     flat, flat_values = sums.reshape(-1), values.reshape(-1)
-    along, of_rows = np.zeros(4 * TOGETHER, np.float32), np.zeros(4 * TOGETHER, np.float32)
-    shares = np.empty(4 * TOGETHER, np.float32)
-    to_weights, to_values = np.empty(TOGETHER, np.int32), np.empty(TOGETHER, np.int32)
-    for row in range(first.shape[0]):
-        for stretch in range(first.shape[1]):
-            if last[row, stretch] < lo or first[row, stretch] >= hi:
+    for row in range(observed.shape[0]):
+        for start in range(0, observed.shape[1], TOGETHER):
+            nearest, farthest = landing[0, stretch], landing[1, stretch]
+            stretch += 1
+            if farthest < lo or nearest >= hi:
                 continue
-            start = stretch * TOGETHER
             end = min(start + TOGETHER, observed.shape[1])
             _weigh_taps(
                 position_x[row, start:end], position_y[row, start:end], observed[row, start:end],
@@ -131,7 +188,7 @@ def _weigh_taps(
     position_x, position_y, observed, weight, level, lo, hi, height, width, to_weights, to_values,
     along, of_rows, shares,
 ):  # fmt: skip
-    """Write where observations are added and what; see :func:`gather_observations`.
+    """Write where observations are added and what; see :func:`gather_band`.
 
     Without a branch, and what is read or written lies at known distances, so that many are
     worked on at once.
@@ -191,21 +248,8 @@ def _weigh_taps(
 
 
 @njit(**OPTIONS)
-def spread_sums(sums, values, top, lo, hi, masses, units, rhs):
-    """Write what has been gathered as the sweeps read it.
-
-    Parameters
-    ----------
-    sums, values : float32
-        Of :func:`gather_observations`, from HR row ``top`` on.
-    masses : (KH, 4, KW + TAIL) uint16
-        Weight at each place of the half-pixel lattice; zero behind the last pixel. Rows ``lo`` to
-        ``hi`` are overwritten.
-    units : (KH,) float32
-        What one is worth in each row.
-    rhs : (KH, KW) float32
-        b.
-    """
+def _spread_sums(sums, values, top, lo, hi, masses, units, rhs):
+    """Write rows ``lo`` to ``hi`` of what has been gathered from HR row ``top`` on."""
     width = rhs.shape[1]
     of_bits, bits = sums.view(np.int32), np.empty(1, np.int32)
     for y in range(lo, hi):
@@ -235,8 +279,8 @@ def _round_every_other(row, factor, out):
         out[x] = np.uint16(np.int32(row[2 * x] * factor + np.float32(0.5)))
 
 
-@njit(**OPTIONS)
-def pass_on(gathered, rows, kept):
+@njit(**LEAN)
+def _pass_on(gathered, rows, kept):
     """Make the last ``kept`` of so many rows the first ones, and empty the others."""
     for row in range(kept):
         copy_row(gathered[rows - kept + row], gathered[row])
@@ -250,7 +294,7 @@ def sum_places(masses, units, lo, hi, out):
     Parameters
     ----------
     masses, units
-        Of :func:`spread_sums`.
+        Of :func:`gather_band`.
     out : (KH, KW) float32
         Rows ``lo`` to ``hi`` are overwritten.
     """
@@ -342,6 +386,23 @@ def split_points(position, magnification_x, offset_x, magnification_y, offset_y,
         for column in range(x.shape[1]):
             x[row, column] = position[row, column, 0] * magnification_x + offset_x
             y[row, column] = position[row, column, 1] * magnification_y + offset_y
+
+
+@njit(**OPTIONS)
+def sample_views(coefficients, observations, lo, hi):
+    """Write what observations ``lo`` to ``hi`` would be in the place of their values.
+
+    Parameters
+    ----------
+    coefficients
+        As of :func:`sample_spline`.
+    observations : Table
+        See :data:`WEIGHT`.
+    """
+    for number in range(lo, hi):
+        out = floats_at(observations, number, VALUE)
+        x, y = floats_at(observations, number, X), floats_at(observations, number, Y)
+        sample_spline(coefficients, x, y, 0, out.shape[0], out)
 
 
 @njit(**OPTIONS)

@@ -29,6 +29,7 @@ from pipeline.reconstruction.half_pixels import TAIL
 from pipeline.reconstruction.psf import SeparableTaps
 from pipeline.reconstruction.simd import TOGETHER
 from pipeline.reconstruction.sweeps import PAD
+from pipeline.reconstruction.tables import Table, table_of
 from pipeline.threads import map_threads
 
 NUM_BANDS = 4
@@ -144,36 +145,35 @@ class NormalEquations:
             points are to lie on the lattice, as a reference's own do: beside it M is not quite
             theirs, and what is far from the start feels that.
         """
-        # values may be read-only: always so, for one compilation
-        observations = [(x, y, _frozen_view(v), weight) for x, y, v, weight in observations]
+        self.gather_table(table_of(observations), predicted_by)
+
+    def gather_table(self, table: Table, predicted_by: HrImage | None = None) -> None:
+        """Do what :meth:`gather` does with a table of observations, see ``kernels.WEIGHT``."""
         height, width = self.shape
         self._origin = predicted_by
         level = self._level if predicted_by is None else np.float32(0)
-        landing = map_threads(lambda view: _landing_rows(view[1], view[3], height), observations)
+        stretches = [rows * -(-columns // TOGETHER) for rows, columns in table[:, -2:].tolist()]
+        starts = np.cumsum([0, *stretches])
+        landing = np.empty((2, starts[-1]), np.int32)
+        map_threads(
+            lambda some: kernels.landing_rows(table, starts, *some, height, landing),
+            self.shares_of(len(table)),
+        )
         tile = min(max(TILE // width, 1), max(hi - lo for lo, hi in self._bands) + 2)
+        map_threads(
+            lambda band: kernels.gather_band(
+                table, starts, landing, level, *band, tile, height, width, self._masses,
+                self._units, self._rhs,
+            ),
+            self._bands,
+        )  # fmt: skip
 
-        def add(band: tuple[int, int]) -> None:
-            rows = tile + kernels.KEPT
-            sums = np.zeros((2 * rows, 2 * width), np.float32)
-            values = np.zeros((rows, width + kernels.MARGIN), np.float32)
-            done = band[0]
-            for lo in range(band[0] - 1, band[1] + 1, tile):
-                hi = min(lo + tile, band[1] + 1)
-                for (x, y, value, weight), (first, last) in zip(observations, landing, strict=True):
-                    kernels.gather_observations(
-                        x, y, value, weight, first, last, level, lo, hi, height, width, sums,
-                        values,
-                    )  # fmt: skip
-                # what lands on later rows adds nothing to these
-                whole = max(hi - 1, done)
-                kernels.spread_sums(
-                    sums, values, lo - 1, done, whole, self._masses, self._units, self._rhs
-                )
-                for gathered, each in ((sums, 2), (values, 1)):
-                    kernels.pass_on(gathered, each * (hi - lo + kernels.KEPT), each * kernels.KEPT)
-                done = whole
+    def shares_of(self, count: int) -> list[tuple[int, int]]:
+        """Return half-open ranges of so many views that are worked on side by side.
 
-        map_threads(add, self._bands)
+        All at once where there is one band: what is small takes no longer than its calls.
+        """
+        return [(0, count)] if len(self._bands) == 1 else [(k, k + 1) for k in range(count)]
 
     @property
     def density(self) -> HrImage:
@@ -392,23 +392,6 @@ def _weighs_anew(held: int, hold: int, left: int, is_stretched: bool) -> bool:
 def _unit(strength: float, scale: float) -> float:
     """Return λ in units of the prior's weights."""
     return strength / (scale * sweeps.TOP)
-
-
-def _frozen_view(image: HrImage) -> HrImage:
-    """Return an array that is read-only, of the same memory."""
-    view = image.view()
-    view.flags.writeable = False
-    return view
-
-
-def _landing_rows(
-    y: HrImage, weight: HrImage, height: int
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Return the first and the last HR row on which pixels of stretches of LR rows land."""
-    shape = y.shape[0], -(-y.shape[1] // TOGETHER)
-    first, last = (np.empty(shape, np.int32) for _ in range(2))
-    kernels.landing_rows(y, weight, height, first, last)
-    return first, last
 
 
 def simulate(

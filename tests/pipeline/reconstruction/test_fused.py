@@ -16,18 +16,19 @@ from pipeline.reconstruction.fused import (
     SMALLEST_NOISE,
     FusedResult,
     FusedTuning,
-    agreement_weights,
     fuse,
     initial_estimate,
     landing_points,
     local_strength,
     prior_strength,
     settled_share,
+    weigh_by_agreement,
 )
 from pipeline.reconstruction.kernels import SMALLEST_WEIGHT
 from pipeline.reconstruction.psf import GaussianPsf, sampling_taps
 from pipeline.reconstruction.restoration import restored
 from pipeline.reconstruction.system import simulate
+from pipeline.reconstruction.tables import table_of
 from pipeline.threads import set_threads, thread_count
 from tests.support.views import LR_SHAPE, PHASES, PSF, make_grid, make_truth, make_view, observe
 
@@ -219,10 +220,12 @@ def test_noise_is_tolerated_by_the_weights():
 
 def _agreement(error: np.ndarray, others: int = 0) -> np.ndarray:
     """The weights of pixels that are predicted wrongly by so much, at noise 1."""
-    flags = np.zeros(error.shape, np.uint8)
-    zero, tuning = np.zeros_like(error), FusedTuning()
-    weights, agreeing = agreement_weights(error.copy(), zero, 1.0, others, tuning, np.inf, flags)
-    assert agreeing == pytest.approx(_agreement(error).mean() if others else weights.mean())
+    flags, agreeing = np.zeros(error.shape, np.uint8), np.zeros(1)
+    zero, weights, predicted = np.zeros_like(error), np.empty_like(error), error.copy()
+    table = table_of([(zero, zero, predicted, weights, zero, flags)])
+    weigh_by_agreement(table, (0, 1), -1, 1.0, others, FusedTuning(), np.inf, agreeing)
+    expected = _agreement(error).mean() if others else weights.mean()
+    assert agreeing[0] == pytest.approx(expected)
     return weights
 
 
