@@ -4,13 +4,17 @@ A fixed rig moves nothing but what moves in front of it. Cells whose pixels, her
 land, show what they showed before keep their motion, and their pixels landing point, weight and
 verdict. The others are cut and fitted anew, started from the parallax motion of the rig. A few
 cells that seem to stand still are probed in every frame: where one has moved it is fitted anew,
-where most have the rig itself has, and all is.
+where most have the rig itself has, and all is. Where what is fitted anew misfits for the most part,
+it is where neither the rig nor its depth maps say, and the view is registered from scratch, if that
+does better.
 
-The measurements that chose the constants: docs/experiments.md#warm-frames.
+The measurements that chose the constants: docs/experiments.md#warm-frames, and
+docs/experiments.md#what-goes-on-dissolving for ``MISFIT``.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 import statistics
 from dataclasses import dataclass, replace
@@ -84,6 +88,19 @@ more: what the first frame was registered by, one noisy picture, would be rememb
 MOSTLY = 0.7
 """Share of changed cells from which all is registered anew."""
 
+MISFIT = 1.5
+"""Median misfit of the patches fitted anew, times the noise, from which a fit from scratch is
+tried, …"""
+
+BETTER = 0.7
+"""… which holds where that of the same cells is no more than this share of it; …"""
+
+GROWN = 1.3
+"""… where it is more, none is tried again until the misfit has grown by so much."""
+
+FEWEST_FITTED = 8
+"""Patches fitted anew below which nothing is said of their misfit."""
+
 
 Counts = npt.NDArray[np.int32]
 """(H + 1, W + 1): how many pixels of a mask lie above and to the left."""
@@ -100,6 +117,23 @@ class Again:
     """(P',): number of each patch of the previous frame in this one, −1 where it is gone."""
     fresh: Mask
     """(rows, columns): their cells."""
+
+    @functools.cached_property
+    def misfit(self) -> float:
+        """Median robust residual scale of the patches fitted anew, grey levels; 0 of few."""
+        if np.count_nonzero(self.fitted) < FEWEST_FITTED:
+            return 0.0
+        return float(np.median(self.fit.fitted.scale[self.fitted]))
+
+    def misfits(self, noise: float) -> bool:
+        """Return whether they misfit for the most part, by more than noise, grey levels, does."""
+        return self.misfit > MISFIT * max(noise, QUIET)
+
+    def is_beaten_by(self, scratch: WindowFit) -> bool:
+        """Return whether a fit from scratch explains the same cells much better."""
+        found = scratch.fitted
+        same = self.fresh.ravel()[windows_of(found).cell]
+        return float(np.median(found.scale[same])) <= BETTER * self.misfit
 
 
 def count_changes(

@@ -13,6 +13,7 @@ import numpy as np
 
 from pipeline.frames import RegisteredView
 from pipeline.registration.again import (
+    GROWN,
     Again,
     Counts,
     judged_again,
@@ -69,15 +70,38 @@ def register_view(
             registered=registered_view(source, reference, position, offset, terms.thresholds),
             motions=fitted, parallax=None, patch_labels=labels, offset=offset,
         )  # fmt: skip
+    start = None
     if before is not None:
+        start = before.registration.parallax
         again = register_again(
             source, reference, before.registration, before.changed, noise, before.turn, method.model
         )
         if again is not None:
-            return _renewed(source, reference, again, before, terms)
-    start = None if before is None else before.registration.parallax
+            return _renewed_or_better(source, reference, again, before, terms)
     fit = register_windows(source, reference, method, noise, through, start)
     return landed_view(source, reference, fit, terms)
+
+
+def _renewed_or_better(
+    source: PreparedView,
+    reference: PreparedView,
+    again: Again,
+    before: Before,
+    terms: Terms,
+) -> ViewRegistration:
+    """Return a view with what was fitted anew, or from scratch where that explains it much better.
+
+    What was tried in vain is not tried again in each frame.
+    """
+    old = before.registration
+    misfits, tried = again.misfits(terms.noise), old.misfit
+    if misfits and again.misfit > GROWN * tried:
+        fit = register_windows(source, reference, terms.method, terms.noise, None, old.parallax)
+        if again.is_beaten_by(fit):
+            return landed_view(source, reference, fit, terms)
+        tried = again.misfit
+    renewed = _renewed(source, reference, again, before, terms)
+    return replace(renewed, misfit=tried if misfits else 0.0)
 
 
 def landed_view(

@@ -55,6 +55,9 @@ class ViewRegistration:
     fresh: Mask | None = None
     """(rows, columns): cells whose patches are not those of the previous frame; None where all
     have been registered anew."""
+    misfit: float = 0.0
+    """Median misfit of what was fitted anew when a fit from scratch was last tried in vain, grey
+    levels; 0 where none was, or what is fitted anew fits."""
     missed: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]] | None = None
     """(H + 1, W + 1) each, in the view and in the reference: how many pixels above and to the left
     have changed in frames in which it was kept as it is; None where there was none such."""

@@ -59,6 +59,20 @@ def _with_a_change(frame):
     return replace(frame, views=tuple(views))
 
 
+def _with_part(frame, width, change):
+    """The frame with its last view changed from the left edge on."""
+    views = list(frame.views)
+    luma = views[-1].luma.copy()
+    luma[:, :width] = change(luma)[:, :width]
+    views[-1] = replace(views[-1], luma=luma)
+    return replace(frame, views=tuple(views))
+
+
+def _chance(seed):
+    """Return a change into a picture of nothing."""
+    return lambda luma: np.random.default_rng(seed).normal(128, 40, luma.shape)
+
+
 def _moved(previous: Previous, shift: np.ndarray) -> Previous:
     """The same with the motions it remembers shifted by so many pixels each, (P,) along x."""
 
@@ -119,6 +133,28 @@ def test_what_is_renewed_has_the_motion_model_of_the_rest(frame):
     assert again.renewed.any()
     assert again.motions is not None
     assert np.abs(again.motions.motion[:, [1, 2, 7, 8]]).max() < 1e-3
+
+
+def test_what_lies_where_the_rig_does_not_say_is_registered_as_from_scratch(frame, cold):
+    """Three pixels across the parallax: few steps from where the rig says do not reach it."""
+    other = _with_part(frame, 96, lambda luma: np.roll(luma, 3, axis=0))
+    ours, alone = (_other(_previous(other, before), frame) for before in (cold, None))
+    assert ours.renewed is None
+    part = np.s_[10:-10, 10:76]
+    trusted = (ours.registered.flags == 0)[part], (alone.registered.flags == 0)[part]
+    assert trusted[0].mean() > trusted[1].mean() - 0.02
+
+
+def test_what_nothing_explains_is_not_tried_from_scratch_in_each_frame(frame, cold):
+    """Until it misfits by much more than when that was tried."""
+    first = _previous(_with_part(frame, 40, _chance(0)), cold)
+    again = _other(first, frame)
+    assert again.renewed is not None
+    assert not again.renewed.all()
+    assert again.misfit > 3
+    second = _previous(_with_part(frame, 40, _chance(1)), first)
+    assert _other(second, frame).misfit == again.misfit
+    assert _other(_previous(frame, second), frame).misfit == 0, "what fits is forgotten"
 
 
 def test_a_rig_that_has_drifted_is_registered_anew(frame, cold):

@@ -267,6 +267,11 @@ def _half_turning_over(picture, other, number):
     return picture + (picture[::-1] - picture) * half * np.float32(number / 16)
 
 
+def _half_turned_over(picture, other, number):
+    """Into what neither the depth maps nor the rig say."""
+    return _half_turning_over(picture, other, min(2 * number, 16))
+
+
 def _slowly_softer(picture, other, number):
     return cv2.GaussianBlur(picture, (0, 0), 0.5 + 0.05 * number)
 
@@ -274,7 +279,12 @@ def _slowly_softer(picture, other, number):
 @pytest.mark.parametrize("temporal", ["swift", "warm"])
 @pytest.mark.parametrize(
     ("changed", "width", "last"),
-    [(_slowly_softer, 256, 14), (_half_dissolving, 128, 20), (_half_turning_over, 128, 13)],
+    [
+        (_slowly_softer, 256, 14),
+        (_half_dissolving, 128, 20),
+        (_half_turning_over, 128, 13),
+        (_half_turned_over, 128, 10),
+    ],
 )
 def test_what_changes_slowly_or_in_part_is_no_worse_than_cold(changed, width, last, temporal):
     """Too slowly, or in too few blocks of too small a picture, for all to be seen to change."""
