@@ -13,6 +13,7 @@ from collections.abc import AsyncGenerator, Iterator, Mapping
 from contextlib import aclosing
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
@@ -23,7 +24,16 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.requests import HTTPConnection
 
 from service.http.auth import Client, identify, require
-from service.http.files import TAGGED, Known, add_heads, matches, send_file, tag_of, unchanged
+from service.http.files import (
+    BYTES,
+    TAGGED,
+    Known,
+    add_heads,
+    matches,
+    send_file,
+    tag_of,
+    unchanged,
+)
 from service.http.job_views import find_job
 from service.http.problems import ProblemError, responses
 from service.http.status import silent_since
@@ -270,9 +280,7 @@ def playlist(
     responses={
         200: {
             "description": "JPEG pictures, each in place of the one before",
-            "content": {
-                "multipart/x-mixed-replace": {"schema": {"type": "string", "format": "binary"}}
-            },
+            "content": {"multipart/x-mixed-replace": BYTES},
         },
         **responses(404, 422),
     },
@@ -323,13 +331,49 @@ PART: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "The file",
         "content": {
-            "video/mp4": {"schema": {"type": "string", "format": "binary"}},
-            "image/jpeg": {"schema": {"type": "string", "format": "binary"}},
+            "video/mp4": BYTES,
+            "image/jpeg": BYTES,
         },
     },
     206: {"description": "The bytes asked for by Range"},
     304: {"description": "Nothing new"},
 }
+
+
+@router.get(
+    "/{kind}/{name}/watch/{track}/latest.jpg",
+    response_class=Response,
+    responses={
+        **PART,
+        200: {"description": "The picture", "content": {"image/jpeg": BYTES}},
+        **responses(404, 416, 422),
+    },
+)
+async def latest(
+    request: Request,
+    kind: Kind,
+    name: Name,
+    track: TrackName,
+    client: Reader,
+    if_none_match: Known = None,
+) -> Response:
+    """Return the newest picture; of a stream it is made now."""
+    programme = await asyncio.to_thread(_programme, request, kind, name, client)
+    disk = programme.on_disk(track)
+    if disk is not None:
+        path = await asyncio.to_thread(_latest_of, disk)
+        if path is not None:
+            return send_file(path, if_none_match, "image/jpeg")
+    elif (air := programme.on_air(track)) is not None:
+        still = await air.still()
+        if still is not None:
+            return Response(still.jpeg, media_type="image/jpeg")
+    raise ProblemError("not-found", "there is no picture yet")
+
+
+def _latest_of(track: Track) -> Path | None:
+    pieces = track.pieces()
+    return track.still(pieces[-1].number) if pieces else None
 
 
 @router.get(
@@ -347,7 +391,7 @@ def part_of(
         InPath(
             max_length=40,
             description="`init-0.mp4`, `segment-000000.m4s` as the playlist says; the first "
-            "picture of a segment of a job, `segment-000000.jpg`; the newest, `latest.jpg`",
+            "picture of a segment of a job, `segment-000000.jpg`",
             examples=["segment-000000.m4s"],
         ),
     ],
@@ -369,12 +413,9 @@ def part_of(
     raise ProblemError("not-found", "the video has no such part (any more)")
 
 
-def _file_of(track: Track, part: str) -> Any:
+def _file_of(track: Track, part: str) -> Path | None:
     if part == "init-0.mp4":
         return track.init()
-    if part == "latest.jpg":
-        pieces = track.pieces()
-        return track.still(pieces[-1].number) if pieces else None
     match = re.fullmatch(r"segment-([0-9]{6})\.(m4s|jpg)", part)
     if match is None:
         return None
@@ -383,9 +424,6 @@ def _file_of(track: Track, part: str) -> Any:
 
 
 def _bytes_of(broadcast: Broadcast, part: str) -> Response | None:
-    if part == "latest.jpg":
-        still = broadcast.still
-        return None if still is None else Response(still.jpeg, media_type="image/jpeg")
     match = re.fullmatch(r"(?:init-([0-9]{1,9})\.mp4)|(?:segment-([0-9]{6,12})\.m4s)", part)
     if match is None:
         return None

@@ -2,9 +2,9 @@
 
 Whoever encodes feeds the bytes of a fragmented MP4 as they come
 (:meth:`pipeline.media.live_encode.LiveEncoder.take_mp4`) and, for viewers that know nothing
-better, JPEG stills. The init segment and a bounded ring of fragments are kept. A viewer has
-a place in the ring and no queue of its own: one that falls behind goes on at the newest key
-frame, and slows nobody.
+better, JPEG stills: as they come, or where somebody asks for them. The init segment and a bounded
+ring of fragments are kept. A viewer has a place in the ring and no queue of its own: one that
+falls behind goes on at the newest key frame, and slows nobody.
 
 Feeding is for any thread; watching is for the event loop.
 """
@@ -15,8 +15,9 @@ import asyncio
 import math
 import threading
 import time
-from collections.abc import AsyncGenerator, Iterator, Sequence
-from contextlib import contextmanager
+from collections import Counter
+from collections.abc import AsyncGenerator, Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -32,6 +33,12 @@ KEEP_BYTES = 256 << 20
 
 PATIENCE = 2.0
 """How far a viewer may fall behind before it goes on at the newest key frame, seconds."""
+
+FRESH = 0.2
+"""A still that was asked for is the newest for so long, seconds."""
+
+ANSWERED_WITHIN = 5.0
+"""How long an answer is waited for where a still is asked for, seconds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +105,10 @@ class Broadcast:
         What the pictures hold.
     keep : float
         Length of the ring, seconds.
+    ask : callable, optional
+        Asks whoever makes the stills for the newest one; returns False where nobody does now.
+        Answered by :meth:`show`, :meth:`confirm` or :meth:`lose_still`, in any thread. Without
+        it, stills come by themselves.
 
     Examples
     --------
@@ -112,7 +123,15 @@ class Broadcast:
     19
     """
 
-    def __init__(self, *, fps: Fraction, layout: StereoLayout, keep: float = KEEP) -> None:
+    def __init__(
+        self,
+        *,
+        fps: Fraction,
+        layout: StereoLayout,
+        keep: float = KEEP,
+        ask: Callable[[], bool] | None = None,
+    ) -> None:
+        self._ask = ask
         self.fps = fps
         self.layout = layout
         self.keep = keep
@@ -129,6 +148,9 @@ class Broadcast:
         self._generation = -1
         self._segments: list[_Segment] = []
         self._still: Still | None = None
+        self._num_stills = self._answers = 0
+        self._answered_at = -math.inf
+        self._viewers: Counter[str] = Counter()
         self._waiting: dict[asyncio.Event, asyncio.AbstractEventLoop] = {}
 
     # Feeding
@@ -156,9 +178,22 @@ class Broadcast:
     def show(self, jpeg: bytes) -> None:
         """Take a still."""
         with self._lock:
-            number = 0 if self._still is None else self._still.number + 1
-            self._still = Still(number=number, jpeg=jpeg)
+            self._still = Still(number=self._num_stills, jpeg=jpeg)
+            self._num_stills += 1
+        self.confirm()
+
+    def confirm(self) -> None:
+        """Say that the still that is there is the newest."""
+        with self._lock:
+            self._answers += 1
+            self._answered_at = time.monotonic()
         self._tell()
+
+    def lose_still(self) -> None:
+        """Say that there were newer pictures than the still, and that they are lost."""
+        with self._lock:
+            self._still = None
+        self.confirm()
 
     def close(self) -> None:
         """Say that nothing more will come; viewers get what is there, then the end."""
@@ -175,18 +210,18 @@ class Broadcast:
     @property
     def viewers(self) -> int:
         """How many are watching now, by fragments or by stills."""
-        return len(self._waiting)
+        return self._viewers.total()
+
+    @property
+    def viewers_of_stills(self) -> int:
+        """How many of them by stills."""
+        return self._viewers["stills"]
 
     @property
     def newest_init(self) -> Init | None:
         """The init segment of what comes now; None before anything has come."""
         with self._lock:
             return self._inits.get(self._generation)
-
-    @property
-    def still(self) -> Still | None:
-        """The newest still."""
-        return self._still
 
     def init(self, generation: int) -> Init | None:
         """Return an init segment by its number in the playlist."""
@@ -223,7 +258,7 @@ class Broadcast:
         with a key frame. Close the iterator when done (``contextlib.aclosing``).
         """
         generation, place = -1, -1
-        with self._listening() as news:
+        with self._viewing("fragments"), self._listening() as news:
             while True:
                 news.clear()
                 step = self._step(place)
@@ -241,9 +276,9 @@ class Broadcast:
                 place = step.place + 1
 
     async def stills(self) -> AsyncGenerator[Still, None]:
-        """Yield stills as they come; a slow viewer gets the newest."""
-        seen = -1
-        with self._listening() as news:
+        """Yield stills as they come, the newest first; a slow viewer gets the newest."""
+        with self._viewing("stills"), self._listening() as news:
+            seen = -1 if await self._is_still_newest() else self._num_stills - 1
             while True:
                 news.clear()
                 still = self._still
@@ -255,7 +290,28 @@ class Broadcast:
                 else:
                     await news.wait()
 
+    async def still(self) -> Still | None:
+        """Return the newest still, which may have to be made; None where there is none."""
+        return self._still if await self._is_still_newest() else None
+
     # Inside
+
+    async def _is_still_newest(self) -> bool:
+        """Ask for a newer one where they do not come by themselves; False without an answer."""
+        ask = self._ask
+        if ask is None or self.ended or time.monotonic() - self._answered_at < FRESH:
+            return True
+        answers = self._answers
+        with self._listening() as news, suppress(TimeoutError):
+            if not await asyncio.to_thread(ask):
+                return True
+            async with asyncio.timeout(ANSWERED_WITHIN):
+                while True:
+                    news.clear()
+                    if self._answers != answers or self.ended:
+                        return True
+                    await news.wait()
+        return False
 
     def _add(self, part: Fragment) -> None:
         newest = self._segments[-1] if self._segments else None
@@ -323,6 +379,17 @@ class Broadcast:
         return rest
 
     @contextmanager
+    def _viewing(self, what: str) -> Iterator[None]:
+        """Count a viewer."""
+        with self._lock:
+            self._viewers[what] += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._viewers[what] -= 1
+
+    @contextmanager
     def _listening(self) -> Iterator[asyncio.Event]:
         """Yield an event that is set whenever there is something new."""
         news = asyncio.Event()
@@ -366,10 +433,15 @@ class Broadcasts:
         self._by_name: dict[str, Broadcast] = {}
 
     def open(
-        self, name: str, *, fps: Fraction, layout: StereoLayout, keep: float = KEEP
+        self,
+        name: str,
+        *,
+        fps: Fraction,
+        layout: StereoLayout,
+        ask: Callable[[], bool] | None = None,
     ) -> Broadcast:
         """Return a new broadcast; one of the same name ends."""
-        made = Broadcast(fps=fps, layout=layout, keep=keep)
+        made = Broadcast(fps=fps, layout=layout, ask=ask)
         with self._lock:
             before = self._by_name.get(name)
             self._by_name[name] = made

@@ -25,6 +25,7 @@ from service.bus.bus import H264, JPEG, Answer, Bus, Question
 from service.bus.keys import Output
 from service.streams.messages import OutputHeader
 from service.streams.sequences import Sequences
+from service.streams.stills import Stills, Wish
 
 KEY_INTERVAL = 1.0
 """A key frame at least this often, seconds."""
@@ -34,10 +35,6 @@ MAX_GROUP_BYTES = 32 << 20
 
 CRF_OF_OBSERVED = 12
 """What will be enlarged needs more bits."""
-
-STILL_INTERVAL = 0.2
-"""Stills for browsers at most this often, seconds."""
-
 
 MATRIX = matrix_for(HD_LINES)
 """Of all live video, whatever its size."""
@@ -49,7 +46,7 @@ class FinishedFrame:
 
     left: SuperResolvedImage
     right: SuperResolvedImage
-    observed: tuple[Picture, Picture] | None
+    observed: tuple[View, View] | None
     """Left and right as they came, where they are to be shown beside."""
     frame_index: int
     position: int
@@ -109,8 +106,9 @@ class Outlets:
     quality, jpeg_quality : int
         See :class:`service.streams.options.StreamOptions`.
     to_service : callable
-        Takes (kind, bytes) for browsers: ``mp4`` as they come, ``jpeg`` now and then, ``before``
-        the video of the observed pictures.
+        Takes (kind, bytes) for browsers: ``mp4`` as they come, ``jpeg`` where they are wanted,
+        ``same``, empty, where one is wanted and there is none newer, ``before`` the video of the
+        observed pictures.
     """
 
     def __init__(
@@ -133,8 +131,11 @@ class Outlets:
         self._encoder: LiveEncoder | None = None
         self._before: LiveEncoder | None = None
         self._shape: tuple[int, ...] = ()
-        self._last_key = self._last_still = -1e9
+        self._last_key = -1e9
         self._lock = threading.Lock()
+        self._showing = threading.Lock()
+        """Held while a still is made, so that none comes after a newer one."""
+        self._stills = Stills()
         self._sequences = sequences
         self._group: deque[tuple[OutputHeader, bytes]] = deque()
         self._eyes: FinishedFrame | None = None
@@ -165,6 +166,7 @@ class Outlets:
             header = self._header(Output.SBS, frame, (width, height), key=unit.is_key)
             with self._lock:
                 self._eyes = frame
+                self._stills.come()
                 self._remember(header, unit.annex_b)
             self._publishers[Output.SBS].put(unit.annex_b, header.encoded())
             size += len(unit.annex_b)
@@ -182,8 +184,17 @@ class Outlets:
         }
         return Sent(seconds=seconds, bytes=size, size=(width, height))
 
+    def wish(self, wish: Wish) -> None:
+        """Show browsers the newest picture, or say that it has been shown; for any thread."""
+        if not self._show(lambda now: self._stills.wish(wish, now)) and wish is Wish.ONE:
+            self._to_service("same", b"")
+
     def close(self) -> None:
-        """Finish the video; the bus is the caller's to close."""
+        """Finish the video, and show the last picture; the bus is the caller's to close."""
+        self._close_video()
+        self._show(self._stills.end)
+
+    def _close_video(self) -> None:
         if self._encoder is not None:
             self._encoder.close()
             self._to_service("mp4", self._encoder.take_mp4())
@@ -196,7 +207,7 @@ class Outlets:
     def _encoder_for(self, picture: Picture | Yuv420) -> LiveEncoder:
         """Return the encoder; a new one where the picture's shape is new."""
         if self._encoder is None or picture.shape != self._shape:
-            self.close()
+            self._close_video()
             self._encoder = LiveEncoder(fps=self._fps, layout=StereoLayout.SBS, crf=self._quality)
             self._shape = picture.shape
         return self._encoder
@@ -207,7 +218,8 @@ class Outlets:
             return
         if self._before is None:  # begins with the result's, so that both have one time
             self._before = LiveEncoder(fps=self._fps, layout=StereoLayout.SBS, crf=CRF_OF_OBSERVED)
-        both = pack(*frame.observed, StereoLayout.SBS, multiple=2)
+        left, right = (picture_of(view) for view in frame.observed)
+        both = pack(left, right, StereoLayout.SBS, multiple=2)
         self._before.encode(both, frame.position, key=key)
         self._to_service("before", self._before.take_mp4())
 
@@ -217,19 +229,24 @@ class Outlets:
             Output.LEFT: lambda: frame.pictures[0],
             Output.RIGHT: lambda: frame.pictures[1],
         }
-        still = b""
         for which, picture in pictures.items():
             if not self._publishers[which].has_subscribers:
                 continue
             shown = picture()
             data = encode_jpeg(shown, quality=self._jpeg_quality)
-            still = data if which is Output.SBS_JPEG else still
             header = self._header(which, frame, (shown.shape[1], shown.shape[0]))
             self._publishers[which].put(data, header.encoded())
-        now = self._clock()
-        if now - self._last_still >= STILL_INTERVAL:
-            self._last_still = now
-            self._to_service("jpeg", still or encode_jpeg(frame.both, quality=self._jpeg_quality))
+        self._show(self._stills.is_due)
+
+    def _show(self, is_asked: Callable[[float], bool]) -> bool:
+        """Show browsers the newest frame, if that is asked."""
+        with self._showing:
+            with self._lock:
+                frame = self._eyes if is_asked(self._clock()) else None
+            if frame is None:
+                return False
+            self._to_service("jpeg", encode_jpeg(frame.both, quality=self._jpeg_quality))
+            return True
 
     def _header(
         self, which: Output, frame: FinishedFrame, size: tuple[int, int], *, key: bool = True

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from service.child import environment
+from service.streams.stills import Wish
 from service.streams.worker import RECORD, StreamOrder
 
 log = logging.getLogger(__name__)
@@ -55,6 +56,7 @@ class StreamProcess:
     ) -> None:
         self._on_event, self._on_picture, self._on_end = on_event, on_picture, on_end
         self.asked_to_stop = False
+        self._writing = threading.Lock()
         self._heard = time.monotonic()
         ours, theirs = os.pipe()
         try:
@@ -104,13 +106,17 @@ class StreamProcess:
         """End it."""
         self._process.kill()
 
+    def wish(self, wish: Wish) -> None:
+        """Ask it for pictures."""
+        self._write(wish)
+
     def join(self, seconds: float) -> None:
         """Wait for its end, as long as that."""
         self._threads[0].join(seconds)  # it waits for the other one
 
     def _write(self, line: str) -> None:
         assert self._process.stdin is not None
-        with contextlib.suppress(OSError, ValueError):
+        with self._writing, contextlib.suppress(OSError, ValueError):
             self._process.stdin.write(line + "\n")
             self._process.stdin.flush()
 

@@ -35,9 +35,10 @@ from service.streams.assembly import AssembledFrame, Expected, named
 from service.streams.intake import Intake
 from service.streams.latency import Latency, Rate
 from service.streams.options import Rule, StreamOptions
-from service.streams.outlets import FinishedFrame, Outlets, picture_of
+from service.streams.outlets import FinishedFrame, Outlets
 from service.streams.rehearsal import rehearse
 from service.streams.sequences import Sequences
+from service.streams.stills import Wish
 
 log = logging.getLogger(__name__)
 
@@ -184,6 +185,10 @@ class StreamSession:
             teller.join(2 * STATUS_INTERVAL)
             self._outlets.close()
             self._say()
+
+    def wish(self, wish: Wish) -> None:
+        """Show browsers what they want; for any thread."""
+        self._outlets.wish(wish)
 
     def stop(self) -> None:
         """End after the frame at work."""
@@ -361,9 +366,7 @@ class StreamSession:
         return FinishedFrame(
             left=result.images[left],
             right=result.images[right],
-            observed=(picture_of(frame.view(left)), picture_of(frame.view(right)))
-            if self.options.before
-            else None,
+            observed=(frame.view(left), frame.view(right)) if self.options.before else None,
             frame_index=assembled.frame_index,
             position=assembled.position,
             capture_time_ns=assembled.capture_time_ns,

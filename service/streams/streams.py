@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from service.streams.options import StreamOptions
 from service.streams.process import StreamProcess
 from service.streams.sequences import last_run
 from service.streams.states import Action, State
+from service.streams.stills import Wish
 from service.streams.stream import MAX_LOSSES, KeptStreams, Stream
 from service.streams.worker import StreamOrder
 
@@ -349,9 +351,10 @@ class Streams:
         item.losses.clear()
         item.begin_at = 0.0
         if item.broadcasts is None or item.broadcasts[0].fps != manifest.fps:
+            asks = (partial(self._ask_still, item.id), None)
             result, before = (
-                self._broadcasts.open(name, fps=manifest.fps, layout=StereoLayout.SBS)
-                for name in watched_as(item.id)
+                self._broadcasts.open(name, fps=manifest.fps, layout=StereoLayout.SBS, ask=ask)
+                for name, ask in zip(watched_as(item.id), asks, strict=True)
             )
             item.broadcasts = (result, before)
         item.act(Action.BEGIN)
@@ -374,6 +377,8 @@ class Streams:
         if wants and now >= item.begin_at and self._bus is not None:
             item.act(Action.BEGIN)
             self._spawn(item)
+        if process is not None and item.broadcasts and item.broadcasts[0].viewers_of_stills:
+            process.wish(Wish.MORE)
         idle = float(item.options.get("idle", StreamOptions().idle))
         silent = item.status.get("silent_s")
         if item.state is State.IDLE and process is not None and not process.asked_to_stop:
@@ -391,6 +396,15 @@ class Streams:
         for name in watched_as(item.id):
             self._broadcasts.close(name)
         item.broadcasts = None
+
+    def _ask_still(self, stream: str) -> bool:
+        """Ask for a stream's newest picture; return whether there is a worker to make it."""
+        item = self.get(stream)
+        process = None if item is None else item.process
+        if process is None:
+            return False
+        process.wish(Wish.ONE)  # the end of a worker is an answer, too
+        return True
 
     def _spawn(self, item: Stream) -> None:
         assert item.manifest is not None
@@ -414,7 +428,10 @@ class Streams:
         run = item.run
         assert item.broadcasts is not None
         result, before = item.broadcasts
-        takers = {b"m": result.feed, b"j": result.show, b"b": before.feed}
+        takers = {
+            b"m": result.feed, b"j": result.show, b"b": before.feed,
+            b"s": lambda nothing: result.confirm(),
+        }  # fmt: skip
 
         def pictures(kind: bytes, data: bytes) -> None:
             if item.run == run:
@@ -455,11 +472,21 @@ class Streams:
             if item.run != run or process is None:
                 return
             item.process = None
+            self._settle_still(item, last)
             if not process.asked_to_stop and item.state.has_worker:
                 self._lose(item, last)
         self._wake.set()
         self._publish(item)
         self._on_change(item.id)
+
+    def _settle_still(self, item: Stream, last: dict[str, Any]) -> None:
+        """Say whether the still is of the last picture: of a worker that was killed, it may not."""
+        if item.broadcasts is not None:
+            result, _ = item.broadcasts
+            if last.get("event") == "stopped":
+                result.confirm()
+            else:
+                result.lose_still()
 
     def _lose(self, item: Stream, last: dict[str, Any]) -> None:
         now = time.monotonic()

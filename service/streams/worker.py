@@ -1,31 +1,40 @@
 """A process of its own for one stream: the order on stdin, how it goes on stdout.
 
-stdin: one line of JSON (:class:`StreamOrder`); later the line ``stop``; its end
+stdin: one line of JSON (:class:`StreamOrder`); later the line ``stop``, and for
+browsers ``still`` or ``stills`` (:class:`service.streams.stills.Wish`); its end
 means that the service is gone, and this process ends at once. stdout: a line of
 JSON for each event: ``beat`` every second, ``status``, last ``stopped`` or
 ``problem``. A pipe named in the order carries pictures for browsers as records:
-one letter (``m`` fragmented MP4, ``b`` that of the observed views, ``j`` JPEG),
-four bytes of length (big-endian), the bytes.
+one letter (``m`` fragmented MP4, ``b`` that of the observed views, ``j`` JPEG,
+``s`` that there is no picture newer than the last ``j``), four bytes of length
+(big-endian), the bytes. Each ``still`` is answered by ``j`` or ``s``.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 import os
+import queue
 import signal
 import struct
 import sys
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from service.child import Voice, begin, limit_memory, take_stdout
+
+if TYPE_CHECKING:
+    from service.streams.session import StreamSession
+
+log = logging.getLogger(__name__)
 
 RECORD = struct.Struct(">cI")
 """Head of a record: kind and length."""
 
-KINDS = {"mp4": b"m", "jpeg": b"j", "before": b"b"}
+KINDS = {"mp4": b"m", "jpeg": b"j", "before": b"b", "same": b"s"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +64,7 @@ def main() -> int:
     voice = take_stdout()
     order = StreamOrder(**json.loads(sys.stdin.readline()))
     limit_memory(order.memory)
-    begin(voice)
+    orders = begin(voice)
 
     from pipeline.numba_cache import prepare_numba_cache
 
@@ -63,7 +72,7 @@ def main() -> int:
     from pipeline.errors import PipelineError
 
     try:
-        _work(order, voice)
+        _work(order, voice, orders)
     except PipelineError as error:
         voice.say("problem", code=error.code, text=str(error))
         return 1
@@ -74,7 +83,7 @@ def main() -> int:
     return 0
 
 
-def _work(order: StreamOrder, voice: Voice) -> None:
+def _work(order: StreamOrder, voice: Voice, orders: queue.SimpleQueue[str]) -> None:
     from pipeline.config import Settings
     from pipeline.media.live_manifest import live_manifest
     from pipeline.threads import set_threads
@@ -105,9 +114,21 @@ def _work(order: StreamOrder, voice: Voice) -> None:
         )
         signal.signal(signal.SIGTERM, lambda number, frame: session.stop())
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service's to handle
+        threading.Thread(target=_grant, args=(orders, session), daemon=True).start()
         session.prepare()
         voice.say("ready")
         session.run()
+
+
+def _grant(orders: queue.SimpleQueue[str], session: StreamSession) -> None:
+    """Do what browsers wish, as long as this process lives."""
+    from service.streams.stills import Wish
+
+    while True:
+        try:
+            session.wish(Wish(orders.get().strip()))
+        except Exception:
+            log.warning("a picture could not be shown", exc_info=True)
 
 
 class PicturePipe:
@@ -119,8 +140,6 @@ class PicturePipe:
 
     def send(self, kind: str, data: bytes) -> None:
         """Write one record."""
-        if not data:
-            return
         record = memoryview(RECORD.pack(KINDS[kind], len(data)) + data)
         try:
             with self._lock:

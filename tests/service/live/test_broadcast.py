@@ -13,8 +13,10 @@ import pytest
 
 from pipeline.media.live_encode import LiveEncoder
 from pipeline.stereo import StereoLayout
+from service.live import broadcast as module
 from service.live.broadcast import Broadcast, Broadcasts, Gap
 from service.live.fragments import Fragment, Init, Splitter
+from tests.support.waiting import PATIENCE
 
 FPS = Fraction(15)
 
@@ -218,3 +220,95 @@ def test_broadcasts_by_name(coded):
     assert second.ended
     broadcasts.close("streams/a")
     assert broadcasts.all() == {}
+
+
+class Maker:
+    """Makes a still when it is asked for one; each with its number."""
+
+    def __init__(self):
+        self.asked = 0
+        self.answer = self.show
+        self.is_there = True
+
+    def __call__(self):
+        self.asked += 1
+        if self.is_there:
+            threading.Timer(0.01, self.answer).start()
+        return self.is_there
+
+    def show(self):
+        self.broadcast.show(b"%d" % self.asked)
+
+
+@pytest.fixture
+def maker(monkeypatch):
+    monkeypatch.setattr(module, "FRESH", 0.0)
+    maker = Maker()
+    maker.broadcast = _broadcast(ask=maker)
+    return maker
+
+
+def _still(broadcast):
+    """Return the still that is had for the asking."""
+    found = asyncio.run(broadcast.still())
+    return None if found is None else found.jpeg
+
+
+def test_a_still_is_made_for_who_asks(maker):
+    assert [_still(maker.broadcast) for _ in range(3)] == [b"1", b"2", b"3"]
+    assert maker.broadcast.viewers == 0
+    maker.answer = maker.broadcast.confirm
+    assert _still(maker.broadcast) == b"3"
+    maker.is_there = False
+    assert _still(maker.broadcast) == b"3"
+    maker.broadcast.lose_still()
+    assert _still(maker.broadcast) is None
+    maker.is_there, maker.answer = True, maker.show
+    assert _still(maker.broadcast) == b"7"
+    maker.broadcast.close()
+    assert _still(maker.broadcast) == b"7"
+    assert maker.asked == 7
+
+
+def test_those_who_ask_at_once_share_a_still(maker, monkeypatch):
+    monkeypatch.setattr(module, "FRESH", PATIENCE)
+
+    async def ask():
+        return [await maker.broadcast.still() for _ in range(20)]
+
+    assert {still.jpeg for still in asyncio.run(ask())} == {b"1"}
+    assert maker.asked == 1
+
+
+def test_an_old_still_is_not_shown_for_want_of_an_answer(maker, monkeypatch):
+    monkeypatch.setattr(module, "ANSWERED_WITHIN", 0.05)
+    maker.show()
+    maker.answer = lambda: None
+    assert _still(maker.broadcast) is None
+
+    async def watch():
+        async with aclosing(maker.broadcast.stills()) as stills:
+            first = asyncio.ensure_future(anext(stills))
+            done, _ = await asyncio.wait([first], timeout=0.2)
+            assert not done
+            assert maker.broadcast.viewers_of_stills == 1
+            maker.broadcast.show(b"new")
+            return (await first).jpeg
+
+    assert asyncio.run(watch()) == b"new"
+
+
+def test_who_comes_to_look_on_gets_the_newest_first(maker):
+    maker.show()
+
+    async def watch():
+        async with aclosing(maker.broadcast.stills()) as stills:
+            return (await anext(stills)).jpeg
+
+    assert asyncio.run(watch()) == b"1"
+    assert maker.broadcast.viewers_of_stills == 0
+
+
+def test_the_end_answers_all_who_ask(maker):
+    maker.answer = maker.broadcast.stop
+    assert _still(maker.broadcast) is None

@@ -9,12 +9,15 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
+from pipeline.media.layouts import describe_path
+from pipeline.media.live_source import LiveSource
 from service.bus.config import BusConfig
 from service.bus.zenoh_bus import ZenohBus
 from tests.support.ports import free_port
@@ -74,6 +77,13 @@ class Stage:
                 process.send_signal(signal.SIGTERM)
         for process in self.started:
             process.communicate(timeout=PATIENCE)
+
+
+@pytest.fixture
+def source(tiny_scene: Path) -> Iterator[LiveSource]:
+    """The tiny scene as cameras give it, 10 frames a second."""
+    with LiveSource(describe_path(tiny_scene), fps=Fraction(10)) as source:
+        yield source
 
 
 @pytest.fixture

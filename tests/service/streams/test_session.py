@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from pipeline.config import Settings
-from pipeline.media.layouts import describe_path
 from pipeline.media.live_source import LiveSource
 from pipeline.worker import Worker
 from service.bus import keys
@@ -26,12 +25,6 @@ from service.streams.player import Player, Playing
 from service.streams.receiver import Receiver, split_group
 from service.streams.session import Limits, StreamSession
 from tests.support.waiting import PATIENCE, until
-
-
-@pytest.fixture
-def source(tiny_scene):
-    with LiveSource(describe_path(tiny_scene), fps=Fraction(10)) as source:
-        yield source
 
 
 @pytest.fixture
@@ -133,6 +126,9 @@ def test_what_comes_out_is_what_the_worker_makes(network, source, tiny_scene):
     assert [item["frame_index"] for item in made] == list(source.frame_indices)
     assert made[0]["key"]
     assert {kind for kind, _ in session.pictures} == {"mp4", "jpeg", "before"}
+    (last,) = [data for kind, data in session.pictures if kind == "jpeg"]  # as nobody looked
+    (answer,) = bus.ask(keys.output("s", Output.SBS_JPEG))
+    assert answer.read() == last
     beside = b"".join(data for kind, data in session.pictures if kind == "before")
     with av.open(io.BytesIO(beside)) as video:
         shown = [item.to_ndarray(format="rgb24").astype(int) for item in video.decode(video=0)]
