@@ -28,7 +28,9 @@ _LIMITED = 1
 """Of FFmpeg's ranges."""
 
 _MUXER = {
-    "movflags": "+frag_every_frame+empty_moov+default_base_moof",
+    "movflags": "+frag_every_frame+empty_moov+default_base_moof+frag_discont",
+    "use_editlist": "0",
+    "avoid_negative_ts": "make_non_negative",  # with frag_discont: times need not begin at 0
     "flush_packets": "1",
     "fflags": "+bitexact",
 }
@@ -51,7 +53,7 @@ class LiveEncoder:
     Parameters
     ----------
     fps : Fraction
-        Of the source, > 0; frame n is shown at (n − first) / fps.
+        Of the source, > 0; frame n is shown at (n − begin) / fps.
     layout : StereoLayout
         What the pictures hold; packed ones are signalled by the frame-packing
         message (ITU-T H.264 D.1.26).
@@ -61,6 +63,8 @@ class LiveEncoder:
         Of x264. ``superfast`` codes 2048×768 at 80 frames a second on two cores.
     colorimetry : Colorimetry, optional
         What is said of the pictures' RGB; BT.709 if left out.
+    begin : int, optional
+        Index of the frame that has time 0, no later than the first one, which it is if left out.
 
     Examples
     --------
@@ -73,7 +77,7 @@ class LiveEncoder:
 
     def __init__(
         self, *, fps: Fraction, layout: StereoLayout, crf: int = 20, preset: str = "superfast",
-        colorimetry: Colorimetry | None = None,
+        colorimetry: Colorimetry | None = None, begin: int | None = None,
     ) -> None:  # fmt: skip
         if fps <= 0:
             raise OutputError(f"a live stream of {fps} frames a second: give a rate above 0")
@@ -89,7 +93,7 @@ class LiveEncoder:
         self._stream: Any = None
         self._frame: Any = None
         self._shape: tuple[int, ...] | None = None
-        self._first = 0
+        self._begin: Any = begin
         self._last = -1
 
     def encode(
@@ -130,7 +134,7 @@ class LiveEncoder:
             planes = to_yuv420(picture, self._matrix, coded_bits=8)
         frame = self._frame
         write_planes(frame, planes)
-        frame.pts = frame_index - self._first
+        frame.pts = frame_index - self._begin
         frame.time_base = 1 / self._fps
         kinds = av.video.frame.PictureType
         frame.pict_type = kinds.I if key else kinds.NONE
@@ -151,7 +155,7 @@ class LiveEncoder:
         height, width = picture.shape[:2]
         if height % 2 or width % 2:
             raise OutputError(f"a live picture of {width}×{height}: pad it to even sides")
-        self._first = frame_index
+        self._begin = frame_index if self._begin is None else self._begin
         self._frame = av.VideoFrame(width, height, "yuv420p")
         self._container = av.open(self._outlet, "w", format="mp4", options=dict(_MUXER))
         parameters = ["scenecut=0"]
@@ -179,7 +183,7 @@ class LiveEncoder:
                 data = bytes(self._stream.codec_context.extradata or b"") + data
             units.append(
                 AccessUnit(
-                    frame_index=self._first + packet.pts,
+                    frame_index=self._begin + packet.pts,
                     is_key=bool(packet.is_keyframe),
                     annex_b=data,
                 )

@@ -251,7 +251,7 @@ def _addresses(programme: _Programme, track: str) -> dict[str, Any]:
         **responses(404, 422),
     },
 )
-def playlist(
+async def playlist(
     request: Request,
     kind: Kind,
     name: Name,
@@ -260,18 +260,24 @@ def playlist(
     if_none_match: Known = None,
 ) -> Response:
     """Return the HLS playlist: of a job all that is done so far, of a stream the last seconds."""
-    programme = _programme(request, kind, name, client)
+    programme = await asyncio.to_thread(_programme, request, kind, name, client)
     disk, air = programme.on_disk(track), programme.on_air(track)
-    if disk is not None and disk.info is not None:
-        text = disk.playlist(ended=programme.ended)
-    elif disk is None and air is not None:
+    text = ""
+    if disk is not None:
+        text = await asyncio.to_thread(_playlist_of, disk, ended=programme.ended)
+    elif air is not None:
+        await air.filled()
         text = air.playlist()
-    else:
+    if not text:
         raise ProblemError("not-found", "there is nothing to watch yet")
     tag = tag_of(text)
     if matches(if_none_match, tag):
         return unchanged(tag)
     return Response(text, media_type=HLS, headers={"ETag": tag, "Cache-Control": "no-cache"})
+
+
+def _playlist_of(track: Track, *, ended: bool) -> str:
+    return "" if track.info is None else track.playlist(ended=ended)
 
 
 @router.get(

@@ -2,9 +2,9 @@
 
 Whoever encodes feeds the bytes of a fragmented MP4 as they come
 (:meth:`pipeline.media.live_encode.LiveEncoder.take_mp4`) and, for viewers that know nothing
-better, JPEG stills: as they come, or where somebody asks for them. The init segment and a bounded
-ring of fragments are kept. A viewer has a place in the ring and no queue of its own: one that
-falls behind goes on at the newest key frame, and slows nobody.
+better, JPEG stills: as they come, or both where somebody asks for them. The init segment and a
+bounded ring of fragments are kept. A viewer has a place in the ring and no queue of its own: one
+that falls behind goes on at the newest key frame, and slows nobody.
 
 Feeding is for any thread; watching is for the event loop.
 """
@@ -38,7 +38,10 @@ FRESH = 0.2
 """A still that was asked for is the newest for so long, seconds."""
 
 ANSWERED_WITHIN = 5.0
-"""How long an answer is waited for where a still is asked for, seconds."""
+"""How long a still, or a playlist's first segment, is waited for where it is asked for, seconds."""
+
+LOOKED_AT = 10.0
+"""Who has asked for a playlist or a segment so long ago looks on, seconds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,10 +108,12 @@ class Broadcast:
         What the pictures hold.
     keep : float
         Length of the ring, seconds.
-    ask : callable, optional
+    ask_still : callable, optional
         Asks whoever makes the stills for the newest one; returns False where nobody does now.
         Answered by :meth:`show`, :meth:`confirm` or :meth:`lose_still`, in any thread. Without
         it, stills come by themselves.
+    ask_video : callable, optional
+        Asks whoever makes the video to begin. Without it, it comes by itself.
 
     Examples
     --------
@@ -129,9 +134,10 @@ class Broadcast:
         fps: Fraction,
         layout: StereoLayout,
         keep: float = KEEP,
-        ask: Callable[[], bool] | None = None,
+        ask_still: Callable[[], bool] | None = None,
+        ask_video: Callable[[], object] | None = None,
     ) -> None:
-        self._ask = ask
+        self._ask_still, self._ask_video = ask_still, ask_video
         self.fps = fps
         self.layout = layout
         self.keep = keep
@@ -147,6 +153,8 @@ class Broadcast:
         self._inits: dict[int, Init] = {}
         self._generation = -1
         self._segments: list[_Segment] = []
+        self._num_segments = 0
+        self._looked_at = -math.inf
         self._still: Still | None = None
         self._num_stills = self._answers = 0
         self._answered_at = -math.inf
@@ -174,6 +182,11 @@ class Broadcast:
                     self._add(part)
             self._forget()
         self._tell()
+
+    def pause(self) -> None:
+        """Say that the video does not go on for now; who comes later is not shown what was."""
+        with self._lock:
+            self._segments.clear()
 
     def show(self, jpeg: bytes) -> None:
         """Take a still."""
@@ -218,6 +231,12 @@ class Broadcast:
         return self._viewers["stills"]
 
     @property
+    def is_watched(self) -> bool:
+        """Whether somebody watches the video, fragment by fragment or by HLS."""
+        asked = time.monotonic() - self._looked_at < LOOKED_AT
+        return asked or self._viewers["fragments"] > 0
+
+    @property
     def newest_init(self) -> Init | None:
         """The init segment of what comes now; None before anything has come."""
         with self._lock:
@@ -230,6 +249,7 @@ class Broadcast:
 
     def segment(self, number: int) -> Sequence[bytes] | None:
         """Return the fragments of an HLS segment; None where it is not there (any more)."""
+        self._looked_at = time.monotonic()
         with self._lock:
             for segment in self._whole():
                 if segment.number == number:
@@ -251,6 +271,18 @@ class Broadcast:
         ]
         return playlist(items, ended=self.ended, growing=False)
 
+    async def filled(self) -> None:
+        """Ask for the video where it does not come by itself, until the playlist has some."""
+        self._looked_at = time.monotonic()
+        if self._ask_video is None or self._whole():
+            return
+        await asyncio.to_thread(self._ask_video)
+        with self._listening() as news, suppress(TimeoutError):
+            async with asyncio.timeout(ANSWERED_WITHIN):
+                while not (self._whole() or self.ended):
+                    news.clear()
+                    await news.wait()
+
     async def watch(self) -> AsyncGenerator[Init | Fragment | Gap, None]:
         """Yield the init segment, then fragments from the newest key frame on, until the end.
 
@@ -259,6 +291,8 @@ class Broadcast:
         """
         generation, place = -1, -1
         with self._viewing("fragments"), self._listening() as news:
+            if self._ask_video is not None:
+                await asyncio.to_thread(self._ask_video)
             while True:
                 news.clear()
                 step = self._step(place)
@@ -298,7 +332,7 @@ class Broadcast:
 
     async def _is_still_newest(self) -> bool:
         """Ask for a newer one where they do not come by themselves; False without an answer."""
-        ask = self._ask
+        ask = self._ask_still
         if ask is None or self.ended or time.monotonic() - self._answered_at < FRESH:
             return True
         answers = self._answers
@@ -318,12 +352,13 @@ class Broadcast:
         generation = self._generation
         if newest is None or part.is_key or newest.generation != generation:
             newest = _Segment(
-                number=0 if newest is None else newest.number + 1,
+                number=self._num_segments,
                 generation=generation,
                 first=self.fragments,
                 timescale=self._inits[generation].timescale,
             )
             self._segments.append(newest)
+            self._num_segments += 1
         newest.add(part)
         self.fragments += 1
         self.newest_at = time.time()
@@ -438,10 +473,11 @@ class Broadcasts:
         *,
         fps: Fraction,
         layout: StereoLayout,
-        ask: Callable[[], bool] | None = None,
+        ask_still: Callable[[], bool] | None = None,
+        ask_video: Callable[[], object] | None = None,
     ) -> Broadcast:
         """Return a new broadcast; one of the same name ends."""
-        made = Broadcast(fps=fps, layout=layout, ask=ask)
+        made = Broadcast(fps=fps, layout=layout, ask_still=ask_still, ask_video=ask_video)
         with self._lock:
             before = self._by_name.get(name)
             self._by_name[name] = made

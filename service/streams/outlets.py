@@ -25,7 +25,7 @@ from service.bus.bus import H264, JPEG, Answer, Bus, Question
 from service.bus.keys import Output
 from service.streams.messages import OutputHeader
 from service.streams.sequences import Sequences
-from service.streams.stills import Stills, Wish
+from service.streams.stills import Lease, Stills, Wish
 
 KEY_INTERVAL = 1.0
 """A key frame at least this often, seconds."""
@@ -35,6 +35,10 @@ MAX_GROUP_BYTES = 32 << 20
 
 CRF_OF_OBSERVED = 12
 """What will be enlarged needs more bits."""
+
+NUM_OBSERVED = 2
+"""Frames that a video of the observed pictures begins with: of two, the first can be seen, as in
+the result's, where no further one comes."""
 
 MATRIX = matrix_for(HD_LINES)
 """Of all live video, whatever its size."""
@@ -108,7 +112,8 @@ class Outlets:
     to_service : callable
         Takes (kind, bytes) for browsers: ``mp4`` as they come, ``jpeg`` where they are wanted,
         ``same``, empty, where one is wanted and there is none newer, ``before`` the video of the
-        observed pictures.
+        observed pictures where it is wanted, and at first a frame of it, ``pause``, empty, where
+        it is not wanted any more.
     """
 
     def __init__(
@@ -136,6 +141,13 @@ class Outlets:
         self._showing = threading.Lock()
         """Held while a still is made, so that none comes after a newer one."""
         self._stills = Stills()
+        self._first = 0
+        """Position that the video begins with, and that of the observed pictures, too."""
+        self._observing = threading.Lock()
+        """Held while the observed pictures are encoded."""
+        self._observed: deque[tuple[int, tuple[View, View]]] = deque(maxlen=NUM_OBSERVED)
+        """Positions of the newest frames, and what was observed."""
+        self._observed_wanted = Lease()
         self._sequences = sequences
         self._group: deque[tuple[OutputHeader, bytes]] = deque()
         self._eyes: FinishedFrame | None = None
@@ -157,7 +169,7 @@ class Outlets:
         both = frame.coded
         packed = self._clock()
         is_key = packed - self._last_key >= KEY_INTERVAL
-        encoder = self._encoder_for(both)
+        encoder = self._encoder_for(both, frame.position)
         units = encoder.encode(both, frame.position, key=is_key)
         encoded = self._clock()
         height, width = both.shape[:2]
@@ -185,7 +197,13 @@ class Outlets:
         return Sent(seconds=seconds, bytes=size, size=(width, height))
 
     def wish(self, wish: Wish) -> None:
-        """Show browsers the newest picture, or say that it has been shown; for any thread."""
+        """Give browsers what they want, or say that they have it; for any thread."""
+        if wish is Wish.BEFORE:
+            with self._observing:
+                self._observed_wanted.renew(self._clock())
+                if self._before is None and self._observed:
+                    self._begin_observed()
+            return
         if not self._show(lambda now: self._stills.wish(wish, now)) and wish is Wish.ONE:
             self._to_service("same", b"")
 
@@ -199,29 +217,54 @@ class Outlets:
             self._encoder.close()
             self._to_service("mp4", self._encoder.take_mp4())
             self._encoder = None
-        if self._before is not None:
-            self._before.close()
-            self._to_service("before", self._before.take_mp4())
-            self._before = None
+        with self._observing:
+            self._end_observed()
+            self._observed.clear()
 
-    def _encoder_for(self, picture: Picture | Yuv420) -> LiveEncoder:
+    def _encoder_for(self, picture: Picture | Yuv420, position: int) -> LiveEncoder:
         """Return the encoder; a new one where the picture's shape is new."""
         if self._encoder is None or picture.shape != self._shape:
             self._close_video()
             self._encoder = LiveEncoder(fps=self._fps, layout=StereoLayout.SBS, crf=self._quality)
-            self._shape = picture.shape
+            self._shape, self._first = picture.shape, position
         return self._encoder
 
     def _send_observed(self, frame: FinishedFrame, *, key: bool) -> None:
-        """Give browsers what the result is compared with."""
+        """Give browsers what the result is compared with, if they want it."""
         if frame.observed is None:
             return
-        if self._before is None:  # begins with the result's, so that both have one time
-            self._before = LiveEncoder(fps=self._fps, layout=StereoLayout.SBS, crf=CRF_OF_OBSERVED)
-        left, right = (picture_of(view) for view in frame.observed)
-        both = pack(left, right, StereoLayout.SBS, multiple=2)
-        self._before.encode(both, frame.position, key=key)
-        self._to_service("before", self._before.take_mp4())
+        with self._observing:
+            is_first = not self._observed
+            self._observed.append((frame.position, frame.observed))
+            is_wanted = self._observed_wanted.runs(self._clock())
+            if self._before is not None and is_wanted:
+                self._encode_observed(self._before, *self._observed[-1], key=key)
+            elif is_wanted or is_first:  # of the first one, browsers learn what there would be
+                self._begin_observed()
+            else:
+                self._end_observed()
+
+    def _begin_observed(self) -> None:
+        """Begin with the newest frames, at the times that they have in the result."""
+        self._before = LiveEncoder(
+            fps=self._fps, layout=StereoLayout.SBS, crf=CRF_OF_OBSERVED, begin=self._first
+        )
+        for position, views in self._observed:
+            self._encode_observed(self._before, position, views)
+
+    def _encode_observed(
+        self, encoder: LiveEncoder, position: int, views: tuple[View, View], *, key: bool = False
+    ) -> None:
+        left, right = (picture_of(view) for view in views)
+        encoder.encode(pack(left, right, StereoLayout.SBS, multiple=2), position, key=key)
+        self._to_service("before", encoder.take_mp4())
+
+    def _end_observed(self) -> None:
+        if self._before is not None:
+            self._before.close()
+            self._to_service("before", self._before.take_mp4())
+            self._to_service("pause", b"")
+            self._before = None
 
     def _send_stills(self, frame: FinishedFrame) -> None:
         pictures: dict[Output, Callable[[], Picture]] = {

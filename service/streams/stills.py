@@ -1,9 +1,9 @@
-"""When a stream's newest picture is made a still for browsers: only when somebody wants it.
+"""What a stream makes for browsers only when somebody wants it.
 
-A machine without I/O and without a clock: frames and wishes come, :class:`Stills` says whether a
-still is to be made of the newest frame. A wish is a word of the service: ``still`` is for one
-picture, ``stills`` for a lease, within which they follow the frames; whoever looks on renews it.
-Times are seconds.
+Machines without I/O and without a clock. A wish is a word of the service: ``still`` is for one
+picture; ``stills`` and ``before`` are for a lease, within which pictures follow the frames, and
+whoever looks on renews it. Frames and wishes come, :class:`Stills` says whether a still is to be
+made of the newest frame. Times are seconds.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ STILL_INTERVAL = 0.2
 """Stills follow frames at most this often, seconds."""
 
 LEASE = 3.0
-"""How long they follow frames after the last word that they shall, seconds."""
+"""How long pictures follow frames after the last word that they shall, seconds."""
 
 
 class Wish(StrEnum):
@@ -25,6 +25,23 @@ class Wish(StrEnum):
     """The newest picture, now."""
     MORE = "stills"
     """The newest picture, and those that follow."""
+    BEFORE = "before"
+    """The video of the observed pictures."""
+
+
+class Lease:
+    """Runs for a while; see the module."""
+
+    def __init__(self) -> None:
+        self._until = -math.inf
+
+    def renew(self, now: float) -> None:
+        """Let it run on."""
+        self._until = now + LEASE
+
+    def runs(self, now: float) -> bool:
+        """Tell whether it has not run out."""
+        return now < self._until
 
 
 class Stills:
@@ -42,7 +59,8 @@ class Stills:
     """
 
     def __init__(self) -> None:
-        self._until = self._made_at = -math.inf
+        self._lease = Lease()
+        self._made_at = -math.inf
         self._is_new = False
 
     def come(self) -> None:
@@ -51,14 +69,14 @@ class Stills:
 
     def is_due(self, now: float) -> bool:
         """Tell whether the newest frame is to be shown to those who look on."""
-        looked_at = now < self._until and now - self._made_at >= STILL_INTERVAL
+        looked_at = self._lease.runs(now) and now - self._made_at >= STILL_INTERVAL
         return looked_at and self._made(now)
 
     def wish(self, wish: Wish, now: float) -> bool:
         """Tell whether the newest frame is to be shown; if not, it has been, or there is none."""
         if wish is Wish.ONE:
             return self._made(now)
-        self._until = now + LEASE
+        self._lease.renew(now)
         return self.is_due(now)
 
     def end(self, now: float) -> bool:

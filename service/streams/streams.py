@@ -351,9 +351,12 @@ class Streams:
         item.losses.clear()
         item.begin_at = 0.0
         if item.broadcasts is None or item.broadcasts[0].fps != manifest.fps:
-            asks = (partial(self._ask_still, item.id), None)
+            asks: tuple[dict[str, Any], ...] = (
+                {"ask_still": partial(self._wish, item.id, Wish.ONE)},
+                {"ask_video": partial(self._wish, item.id, Wish.BEFORE)},
+            )
             result, before = (
-                self._broadcasts.open(name, fps=manifest.fps, layout=StereoLayout.SBS, ask=ask)
+                self._broadcasts.open(name, fps=manifest.fps, layout=StereoLayout.SBS, **ask)
                 for name, ask in zip(watched_as(item.id), asks, strict=True)
             )
             item.broadcasts = (result, before)
@@ -377,8 +380,12 @@ class Streams:
         if wants and now >= item.begin_at and self._bus is not None:
             item.act(Action.BEGIN)
             self._spawn(item)
-        if process is not None and item.broadcasts and item.broadcasts[0].viewers_of_stills:
-            process.wish(Wish.MORE)
+        if process is not None and item.broadcasts is not None:
+            result, before = item.broadcasts
+            if result.viewers_of_stills:
+                process.wish(Wish.MORE)
+            if before.is_watched:
+                process.wish(Wish.BEFORE)
         idle = float(item.options.get("idle", StreamOptions().idle))
         silent = item.status.get("silent_s")
         if item.state is State.IDLE and process is not None and not process.asked_to_stop:
@@ -397,13 +404,13 @@ class Streams:
             self._broadcasts.close(name)
         item.broadcasts = None
 
-    def _ask_still(self, stream: str) -> bool:
-        """Ask for a stream's newest picture; return whether there is a worker to make it."""
+    def _wish(self, stream: str, wish: Wish) -> bool:
+        """Ask for pictures of a stream; return whether there is a worker to make them."""
         item = self.get(stream)
         process = None if item is None else item.process
         if process is None:
             return False
-        process.wish(Wish.ONE)  # the end of a worker is an answer, too
+        process.wish(wish)  # the end of a worker is an answer, too
         return True
 
     def _spawn(self, item: Stream) -> None:
@@ -430,7 +437,7 @@ class Streams:
         result, before = item.broadcasts
         takers = {
             b"m": result.feed, b"j": result.show, b"b": before.feed,
-            b"s": lambda nothing: result.confirm(),
+            b"s": lambda nothing: result.confirm(), b"p": lambda nothing: before.pause(),
         }  # fmt: skip
 
         def pictures(kind: bytes, data: bytes) -> None:

@@ -1,13 +1,14 @@
 """A process of its own for one stream: the order on stdin, how it goes on stdout.
 
 stdin: one line of JSON (:class:`StreamOrder`); later the line ``stop``, and for
-browsers ``still`` or ``stills`` (:class:`service.streams.stills.Wish`); its end
+browsers what they want (:class:`service.streams.stills.Wish`); its end
 means that the service is gone, and this process ends at once. stdout: a line of
 JSON for each event: ``beat`` every second, ``status``, last ``stopped`` or
 ``problem``. A pipe named in the order carries pictures for browsers as records:
-one letter (``m`` fragmented MP4, ``b`` that of the observed views, ``j`` JPEG,
-``s`` that there is no picture newer than the last ``j``), four bytes of length
-(big-endian), the bytes. Each ``still`` is answered by ``j`` or ``s``.
+one letter (``m`` fragmented MP4, ``b`` that of the observed views, ``p`` that
+this one pauses, ``j`` JPEG, ``s`` that there is no picture newer than the last
+``j``), four bytes of length (big-endian), the bytes. Each ``still`` is answered
+by ``j`` or ``s``.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ log = logging.getLogger(__name__)
 RECORD = struct.Struct(">cI")
 """Head of a record: kind and length."""
 
-KINDS = {"mp4": b"m", "jpeg": b"j", "before": b"b", "same": b"s"}
+KINDS = {"mp4": b"m", "jpeg": b"j", "before": b"b", "pause": b"p", "same": b"s"}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -244,7 +244,7 @@ class Maker:
 def maker(monkeypatch):
     monkeypatch.setattr(module, "FRESH", 0.0)
     maker = Maker()
-    maker.broadcast = _broadcast(ask=maker)
+    maker.broadcast = _broadcast(ask_still=maker)
     return maker
 
 
@@ -312,3 +312,53 @@ def test_who_comes_to_look_on_gets_the_newest_first(maker):
 def test_the_end_answers_all_who_ask(maker):
     maker.answer = maker.broadcast.stop
     assert _still(maker.broadcast) is None
+
+
+def test_a_video_that_paused_is_not_shown_and_goes_on_with_new_numbers(coded):
+    broadcast = _broadcast()
+    for piece in coded[:40]:
+        broadcast.feed(piece)
+    known = broadcast.newest_init
+    numbers = [int(found) for found in re.findall(r"segment-(\d+)", broadcast.playlist())]
+    broadcast.pause()
+    assert broadcast.newest_init is known
+    assert "segment" not in broadcast.playlist()
+
+    async def watch():
+        async with aclosing(broadcast.watch()) as parts:
+            first = asyncio.ensure_future(anext(parts))
+            await asyncio.sleep(0)
+            for piece in coded[:10]:
+                broadcast.feed(piece)
+            found = [await first, await anext(parts)]
+            for piece in coded[10:20]:
+                broadcast.feed(piece)
+            return found
+
+    init, part = asyncio.run(watch())
+    assert (init, part.start, part.is_key) == (broadcast.init(1), 0, True)
+    (following,) = re.findall(r"segment-(\d+)", broadcast.playlist())
+    assert int(following) > max(numbers)
+
+
+def test_a_video_is_asked_for_by_who_watches(coded):
+    def begin():
+        for piece in coded[:40]:
+            broadcast.feed(piece)
+
+    broadcast = _broadcast(ask_video=lambda: threading.Timer(0.01, begin).start())
+    assert not broadcast.is_watched
+    asyncio.run(broadcast.filled())
+    assert broadcast.is_watched
+    assert "segment" in broadcast.playlist()
+
+    broadcast = _broadcast(ask_video=lambda: threading.Timer(0.01, begin).start())
+
+    async def watch():
+        async with aclosing(broadcast.watch()) as parts:
+            found = [await anext(parts), await anext(parts)]
+            assert broadcast.is_watched
+            return found
+
+    assert [type(part) for part in asyncio.run(watch())] == [Init, Fragment]
+    assert not broadcast.is_watched

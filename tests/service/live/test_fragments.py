@@ -125,3 +125,18 @@ def test_a_lost_frame_is_a_longer_one_and_fragments_wait_for_one_frame_only():
     frame = 15360 // 15
     assert [part.start // frame for part in flat] == [0, 1, 4, 5]
     assert [part.duration // frame for part in flat] == [1, 3, 1, 1]
+
+
+def test_an_encoder_that_begins_late_has_the_times_of_one_that_began_before():
+    picture = np.zeros((32, 64, 3), np.uint8)
+    found = []
+    for first in (7, 90):
+        encoder = LiveEncoder(fps=Fraction(15), layout=StereoLayout.SBS, begin=7)
+        units = [unit for number in range(first, 94) for unit in encoder.encode(picture, number)]
+        encoder.close()
+        init, *parts = Splitter().feed(encoder.take_mp4())
+        assert [unit.frame_index for unit in units] == list(range(first, 94))
+        assert units[0].is_key
+        found.append({part.start: part.duration for part in parts[-4:]})
+    assert found[0] == found[1]
+    assert min(found[0]) == (90 - 7) * init.timescale // 15

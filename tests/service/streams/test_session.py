@@ -20,10 +20,12 @@ from pipeline.worker import Worker
 from service.bus import keys
 from service.bus.keys import Output
 from service.bus.memory import MemoryNetwork
+from service.streams import stills
 from service.streams.options import StreamOptions
 from service.streams.player import Player, Playing
 from service.streams.receiver import Receiver, split_group
 from service.streams.session import Limits, StreamSession
+from service.streams.stills import Wish
 from tests.support.waiting import PATIENCE, until
 
 
@@ -80,12 +82,14 @@ def run(network, source, *, options, settings=None, playing=None, frames=None, s
     return session
 
 
-def one_by_one(source, *, spoil=lambda index, parts: parts):
-    """Return what sends each frame when the one before it is done."""
+def one_by_one(source, *, spoil=lambda index, parts: parts, wish=None):
+    """Return what sends each frame when the one before it is done, and first a wish."""
     from service.bus.keys import Part
     from service.streams.messages import InputHeader, write_input_header
 
     def send(bus, session):
+        if wish is not None:
+            session.wish(wish)
         for number, index in enumerate(source.frame_indices):
             pictures = spoil(index, source.read(index))
             header = InputHeader(frame_index=index, capture_time_ns=number * 10**8)
@@ -100,9 +104,10 @@ def one_by_one(source, *, spoil=lambda index, parts: parts):
     return send
 
 
-def test_what_comes_out_is_what_the_worker_makes(network, source, tiny_scene):
+def test_what_comes_out_is_what_the_worker_makes(network, source, tiny_scene, monkeypatch):
     from pipeline.media.source import open_scene
 
+    monkeypatch.setattr(stills, "LEASE", PATIENCE)
     settings = Settings(psf_sigma=1.0, noise_sigma=1.0, temporal="warm")
     made = []
     bus = network.connect()
@@ -110,7 +115,7 @@ def test_what_comes_out_is_what_the_worker_makes(network, source, tiny_scene):
     receiver = Receiver(network.connect(), "s")
     session = run(
         network, source, options=StreamOptions(real_time=False, wait=0.5), settings=settings,
-        sent=one_by_one(source), frames=6,
+        sent=one_by_one(source, wish=Wish.BEFORE), frames=6,
     )  # fmt: skip
     with open_scene(tiny_scene) as scene:
         info = scene.info
@@ -125,7 +130,7 @@ def test_what_comes_out_is_what_the_worker_makes(network, source, tiny_scene):
     assert [item["sequence"] for item in made] == list(range(6))
     assert [item["frame_index"] for item in made] == list(source.frame_indices)
     assert made[0]["key"]
-    assert {kind for kind, _ in session.pictures} == {"mp4", "jpeg", "before"}
+    assert {kind for kind, _ in session.pictures} == {"mp4", "jpeg", "before", "pause"}
     (last,) = [data for kind, data in session.pictures if kind == "jpeg"]  # as nobody looked
     (answer,) = bus.ask(keys.output("s", Output.SBS_JPEG))
     assert answer.read() == last
@@ -166,6 +171,9 @@ def test_missing_and_broken_parts_cost_what_the_rules_say(network, source):
         network, source, options=StreamOptions(wait=0.5, missing_view="use", real_time=False),
         sent=one_by_one(source, spoil=spoil), frames=5,
     )  # fmt: skip
+    beside = b"".join(data for kind, data in session.pictures if kind == "before")
+    with av.open(io.BytesIO(beside)) as video:  # nobody wants more than to know what it is
+        assert len(list(video.decode(video=0))) == 1
     status = session.status()
     counts = status["counts"]
     assert (status["frames_done"], status["frames_failed"], status["pictures_refused"]) == (5, 1, 2)

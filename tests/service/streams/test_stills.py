@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import threading
@@ -10,12 +11,14 @@ import httpx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from websockets.sync.client import connect
 
 from service.bus import keys
 from service.bus.config import BusConfig
 from service.bus.keys import Output
 from service.bus.zenoh_bus import ZenohBus
 from service.config import ServiceConfig
+from service.live.fragments import Splitter
 from service.streams.player import Player, Playing
 from service.streams.states import State
 from service.streams.stills import LEASE, STILL_INTERVAL, Stills, Wish
@@ -24,7 +27,8 @@ from tests.support.on_air import OnAir
 from tests.support.waiting import PATIENCE, until
 
 EVENTS = st.lists(
-    st.tuples(st.sampled_from(["frame", *Wish]), st.floats(0.0, 2 * LEASE)), max_size=60
+    st.tuples(st.sampled_from(["frame", Wish.ONE, Wish.MORE]), st.floats(0.0, 2 * LEASE)),
+    max_size=60,
 )
 
 
@@ -123,7 +127,7 @@ def test_nobody_looks_and_nothing_is_made_and_who_asks_gets_the_newest(station, 
 
         cameras.play()
         result = until(lambda: station.app.state.broadcasts.get("streams/s"))
-        until(lambda: result.fragments > 20)
+        until(lambda: result.fragments > 8)
         assert result._num_stills == 0
         assert until(got)[:2] == b"\xff\xd8"
 
@@ -135,6 +139,16 @@ def test_nobody_looks_and_nothing_is_made_and_who_asks_gets_the_newest(station, 
         made = result._num_stills
         assert got() == got() == picture
         assert result._num_stills == made
+
+        before = station.app.state.broadcasts.get("streams/s/before")
+        assert (before.fragments, before.playlist().count("segment")) == (1, 0)
+        assert len(api.get("/api/v1/streams/s/watch").json()["tracks"]) == 2
+        address = f"ws://{station.address}/api/v1/streams/s/watch/before/live"
+        with connect(address, max_size=None) as viewer:
+            assert json.loads(viewer.recv(PATIENCE))["kind"] == "init"
+            init, first = Splitter().feed(viewer.recv(PATIENCE) + viewer.recv(PATIENCE))
+            newest = result._segments[-1].fragments[-1]
+            assert (init.timescale, first.start) == (result.newest_init.timescale, newest.start)
 
         with api.stream("GET", f"{where}/stills") as viewer:
             chunks = viewer.iter_bytes()
@@ -153,6 +167,7 @@ def test_nobody_looks_and_nothing_is_made_and_who_asks_gets_the_newest(station, 
             return result._num_stills == made
 
         until(is_still)
+        until(lambda: "#EXTINF" in api.get(f"{where}/index.m3u8".replace("result", "before")).text)
 
         cameras.pause()
         lost = streams.get("s").run
