@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from pipeline.frames import GreyImage, Mask, RegisteredView
 from pipeline.grid import Grid
@@ -21,7 +22,8 @@ from pipeline.reconstruction.fused import (
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.parts import (
     Box,
-    CutViews,
+    CutView,
+    Uncut,
     covering_boxes,
     cut_views,
     landing_in,
@@ -77,7 +79,8 @@ class Piece:
     inner: Box
     """Where the box lies in what was solved, LR pixels."""
     grid: Grid
-    cut: CutViews
+    cut: Sequence[CutView]
+    """Of what it was solved."""
     solved: FusedResult
     shown: HrImage
     """What was solved, finished and clipped, where that was asked for."""
@@ -123,24 +126,21 @@ def pieces_of(
         Whether they are to be finished, by the ``learned`` filters if there are any.
     """
 
-    def solve(item: tuple[Again, Due, Box, Sequence[Box]]) -> Piece:
-        again, part, box, places = item
-        registered, wide = again.registered, widened(box, part.wanted.shape)
-        taken = [NOTHING] * len(registered) if again.offsets is None else again.offsets
-        cut = cut_views(
-            [
-                (view, offset, place)
-                for view, offset, place in zip(registered, taken, places, strict=True)
-                if part.views is None or view.view_id in part.views
-            ],
-            wide, grid,
-        )  # fmt: skip
+    def solve(item: tuple[Again, Due, Box, Uncut, npt.NDArray[np.int64]]) -> Piece:
+        again, part, box, uncut, places = item
+        wide = widened(box, part.wanted.shape)
+        some = [
+            index
+            for index, view in enumerate(again.registered)
+            if part.views is None or view.view_id in part.views
+        ]
+        cut = cut_views(uncut, places, some, wide, grid)
         height, width = (side.stop - side.start for side in wide)
         solved = fuse(
-            cut.views, grid, (height, width), psf, noise=part.noise,
+            cut, grid, (height, width), psf, noise=part.noise,
             residual_threshold=residual_threshold, tuning=part.tuning,
             start=np.ascontiguousarray(again.start[on_hr_grid(wide, grid)]),
-            most_steps=most_steps, judged=False, points=cut.points,
+            most_steps=most_steps, judged=False,
             most_bands=max(1, min(NUM_BANDS, height * width // BAND_PIXELS)), stop=stop,
         )  # fmt: skip
         return Piece(
@@ -149,11 +149,11 @@ def pieces_of(
             shown=np.clip(finished(solved, learned), 0.0, 255.0) if is_shown else NOTHING,
         )  # fmt: skip
 
-    def boxes_of(again: Again) -> list[tuple[Again, Due, Box, Sequence[Box]]]:
+    def boxes_of(again: Again) -> list[tuple[Again, Due, Box, Uncut, npt.NDArray[np.int64]]]:
         boxes = [(part, box) for part in again.due for box in part.boxes]
-        wide = [widened(box, part.wanted.shape) for part, box in boxes]
-        places = landing_in(again.registered, wide)
-        return [(again, *one, there) for one, there in zip(boxes, places, strict=True)]
+        uncut = Uncut(again.registered, again.offsets)
+        places = landing_in(uncut, [widened(box, part.wanted.shape) for part, box in boxes])
+        return [(again, *one, uncut, there) for one, there in zip(boxes, places, strict=True)]
 
     found = map_threads(boxes_of, references)
     items = [item for items in found for item in items]
@@ -209,13 +209,12 @@ def fuse_again(
         stop_reason = piece.solved.stop_reason
         piece.put_into(estimate, piece.solved.estimate)
         piece.put_into(density, piece.solved.density)
-        for view, place, weight, flag in zip(
-            piece.cut.views, piece.cut.places, piece.solved.weights, piece.solved.flags,
-            strict=True,
-        ):  # fmt: skip
+        for view, weight, flag in zip(
+            piece.cut, piece.solved.weights, piece.solved.flags, strict=True
+        ):
             index = names.index(view.view_id)
             put_back(
-                (weight, flag), (weights[index], flags[index]), place,
+                (weight, flag), (weights[index], flags[index]), view.place,
                 registered[index].position, piece.box,
             )  # fmt: skip
     points = [some_landing_points(view, grid) for view in registered]

@@ -29,7 +29,14 @@ from pipeline.frames import GreyImage, Mask, Positions, RegisteredView, Rejectio
 from pipeline.grid import Grid
 from pipeline.reconstruction import agreement, kernels
 from pipeline.reconstruction.learned import REACH, LearnedFilters
-from pipeline.reconstruction.parts import Box, covering_boxes, on_hr_grid, widened, within
+from pipeline.reconstruction.parts import (
+    Box,
+    CutView,
+    covering_boxes,
+    on_hr_grid,
+    widened,
+    within,
+)
 from pipeline.reconstruction.psf import Psf, SeparableTaps, psf_taps, sampling_taps
 from pipeline.reconstruction.realign import ROUNDS, realigned
 from pipeline.reconstruction.restoration import Restoration, bicubic_filter, restoration_of
@@ -329,7 +336,7 @@ def _smoothing(
 
 
 def fuse(
-    registered: Sequence[RegisteredView],
+    registered: Sequence[RegisteredView | CutView],
     grid: Grid,
     lr_shape: tuple[int, int],
     psf: Psf,
@@ -341,7 +348,6 @@ def fuse(
     learned: LearnedFilters | None = None,
     most_steps: int | None = None,
     judged: bool = True,
-    points: Sequence[tuple[HrImage, HrImage]] | None = None,
     most_bands: int = NUM_BANDS,
     stop: Callable[[], bool] | None = None,
 ) -> FusedResult:
@@ -349,7 +355,7 @@ def fuse(
 
     Parameters
     ----------
-    registered : sequence of RegisteredView
+    registered : sequence of RegisteredView or CutView
         The reference itself (``is_reference``) is among them.
     lr_shape : (int, int)
         Height and width of the reference view, LR pixels.
@@ -365,8 +371,6 @@ def fuse(
         Conjugate-gradient steps from all views, at most; default: as many as it takes.
     judged : bool
         Whether to measure what is left over; else ``misfits`` and ``residuals`` are empty.
-    points : sequence of ((H, W), (H, W)) float32, optional
-        Where the views' pixels land; default: :func:`landing_points`.
     most_bands : int
         Bands of HR rows that are worked on side by side, at most.
     stop : callable, optional
@@ -380,7 +384,7 @@ def fuse(
     noise = max(noise, SMALLEST_NOISE)
     taps = sampling_taps(psf, grid)
     shape = grid.hr_shape(lr_shape)
-    points = [landing_points(view, grid) for view in registered] if points is None else [*points]
+    points = [landing_points(view, grid) for view in registered]
     strength = prior_strength(noise, psf.sigma, tuning)
     scale = tuning.edge_scale[0] + tuning.edge_scale[1] * noise
     reference = next(index for index, view in enumerate(registered) if view.is_reference)
@@ -475,7 +479,7 @@ def fuse(
     )
 
 
-def _possible(view: RegisteredView) -> float:
+def _possible(view: RegisteredView | CutView) -> float:
     """Return the share of a view's pixels that may have a weight."""
     return float(np.count_nonzero(view.flags & IMPOSSIBLE == 0)) / view.flags.size
 
@@ -489,7 +493,7 @@ def left_over(
     estimate: HrImage,
     taps: SeparableTaps,
     points: Sequence[tuple[HrImage, HrImage]],
-    registered: Sequence[RegisteredView],
+    registered: Sequence[RegisteredView | CutView],
     flags: Sequence[npt.NDArray[np.uint8]],
     weights: Sequence[GreyImage],
 ) -> tuple[float, tuple[float, ...]]:
@@ -521,9 +525,9 @@ def left_over(
     )
 
 
-def landing_points(view: RegisteredView, grid: Grid) -> tuple[HrImage, HrImage]:
+def landing_points(view: RegisteredView | CutView, grid: Grid) -> tuple[HrImage, HrImage]:
     """Return x and y of a view's landing points, HR pixels."""
-    return _on_hr_grid(view.position, grid)
+    return (view.x, view.y) if isinstance(view, CutView) else _on_hr_grid(view.position, grid)
 
 
 def some_landing_points(view: RegisteredView, grid: Grid) -> tuple[HrImage, HrImage]:

@@ -6,8 +6,9 @@ estimates that the halo's surroundings have too, so that its middle joins them w
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from numba import njit
 from pipeline.compiled import EXACT
 from pipeline.frames import GreyImage, Mask, Positions, RegisteredView
 from pipeline.grid import Grid
+from pipeline.reconstruction.tables import bytes_at, floats_at, points_at, table_of
 
 TILE = 4
 """Side of the tiles of which boxes are made, LR pixels."""
@@ -224,102 +226,139 @@ def _put_pixels(part, wanted, down, across, top, left, image):
                     target[column] = source[column]
 
 
+class Uncut:
+    """Views registered onto a reference, to be cut down to what lands in boxes of it.
+
+    Parameters
+    ----------
+    registered : sequence of RegisteredView
+        The reference among them.
+    offsets : sequence of (H, W) float32, optional
+        What is taken off the pixels observed of each, grey levels; default: nothing.
+    """
+
+    def __init__(
+        self, registered: Sequence[RegisteredView], offsets: Sequence[GreyImage] | None = None
+    ) -> None:
+        self.registered = registered
+        self.is_offset = offsets is not None
+        rows = [
+            (view.position, view.observed, view.flags, *more)
+            for view, *more in zip(registered, *([] if offsets is None else [offsets]), strict=True)
+        ]
+        # held, since the table only says where they lie
+        self._held = [[np.ascontiguousarray(image) for image in row] for row in rows]
+        self.table = table_of(self._held)
+
+
+_POSITION, _PIXELS, _FLAGS, _OFFSET = range(4)
+"""Of the images of a row of that table."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CutViews:
-    """Views cut down to what lands in a box of the reference."""
+class CutView:
+    """A view cut down to what lands in a box of the reference."""
 
-    views: tuple[RegisteredView, ...]
-    """Their positions are still those in the whole reference."""
-    points: tuple[tuple[GreyImage, GreyImage], ...]
-    """x and y of their landing points on the HR grid of the box, HR pixels."""
-    places: tuple[Box, ...]
-    """Rows and columns of each that were taken."""
+    view_id: str
+    is_reference: bool
+    place: Box
+    """Rows and columns that were taken."""
+    x: GreyImage
+    """Landing points on the HR grid of the box, HR pixels, (h, w); …"""
+    y: GreyImage
+    observed: GreyImage
+    flags: Flags
 
 
-def landing_in(registered: Sequence[RegisteredView], boxes: Sequence[Box]) -> list[list[Box]]:
-    """Return, for each box, the rows and columns of each view that hold what lands in it."""
+def landing_in(uncut: Uncut, boxes: Sequence[Box]) -> npt.NDArray[np.int64]:
+    """Return the rows and columns of each view that hold what lands in boxes.
+
+    (boxes, views, 4), half-open: top, bottom, left, right.
+    """
     if len(boxes) > BITS:
-        return landing_in(registered, boxes[:BITS]) + landing_in(registered, boxes[BITS:])
+        first, others = (landing_in(uncut, some) for some in (boxes[:BITS], boxes[BITS:]))
+        return np.concatenate([first, others])
     bounds = np.array(
         [(rows.start, rows.stop, columns.start, columns.stop) for rows, columns in boxes], np.int64
     ).reshape(-1, 4)
-    reference = next(view for view in registered if view.is_reference)
-    marks = np.empty(reference.flags.shape, np.uint64)
+    views = uncut.registered
+    reference = next(index for index, view in enumerate(views) if view.is_reference)
+    marks = np.empty(views[reference].flags.shape, np.uint64)
     _mark_boxes(bounds, marks)
-    places: list[list[Box]] = [[] for _ in boxes]
-    for view in registered:
-        if view.is_reference:
-            for of_box, box in zip(places, boxes, strict=True):
-                of_box.append(box)
-            continue
-        found = np.empty((len(boxes), 4), np.int64)
-        _landing_in(view.position, marks, found)
-        for of_box, (top, bottom, left, right) in zip(places, found.tolist(), strict=True):
-            of_box.append((slice(top, bottom), slice(left, right)))
+    places = np.empty((len(boxes), len(views), 4), np.int64)
+    places[:, reference] = bounds
+    _landing_in(uncut.table, reference, marks, places)
     return places
 
 
 def cut_views(
-    known: Sequence[tuple[RegisteredView, GreyImage, Box]], box: Box, grid: Grid
-) -> CutViews:
+    uncut: Uncut, places: npt.NDArray[np.int64], some: Sequence[int], box: Box, grid: Grid
+) -> list[CutView]:
     """Return views cut down to what lands in a box, landing points counted from its corner.
 
     Parameters
     ----------
-    known : sequence of (view, offset, place)
-        With what is taken off the pixels observed, (H, W) grey levels or nothing, and
-        with the rows and columns that :func:`landing_in` found.
+    places : (views, 4) int64
+        Of :func:`landing_in`.
+    some : sequence of int
+        Those that are cut.
     """
-    cuts = [_cut(view, offset, place, box, grid) for view, offset, place in known]
-    return CutViews(
-        views=tuple(view for view, _ in cuts),
-        points=tuple(points for _, points in cuts),
-        places=tuple(place for _, _, place in known),
-    )
-
-
-def _cut(
-    view: RegisteredView, offset: GreyImage, place: Box, box: Box, grid: Grid
-) -> tuple[RegisteredView, tuple[GreyImage, GreyImage]]:
-    x, y, observed = (np.empty(view.flags[place].shape, np.float32) for _ in range(3))
-    # writable pixels, for one compilation
-    pixels = np.require(view.observed, requirements="W")
+    bounds = places[some].tolist()
+    sizes = [(bottom - top) * (right - left) for top, bottom, left, right in bounds]
+    starts = list(itertools.accumulate(sizes, initial=0))
+    x, y, observed = np.empty((3, starts[-1]), np.float32)
+    flags = np.empty(starts[-1], np.uint8)
     _cut_out(
-        view.position, pixels, offset, place[0].start, place[1].start,
+        uncut.table, np.array(some, np.int64), places, uncut.is_offset,
         np.float32(box[1].start), np.float32(grid.magnification_x), np.float32(grid.offset_x),
         np.float32(box[0].start), np.float32(grid.magnification_y), np.float32(grid.offset_y),
-        x, y, observed,
+        x, y, observed, flags,
     )  # fmt: skip
-    part = replace(
-        view,
-        observed=observed,
-        position=view.position[place],
-        registration_weights=view.registration_weights[place],
-        flags=view.flags[place],
-        confidence=view.confidence[place],
-    )
-    return part, (x, y)
+    found = []
+    for index, start, size, (top, bottom, left, right) in zip(
+        some, starts, sizes, bounds, strict=False
+    ):
+        view, part, shape = uncut.registered[index], slice(start, start + size), (bottom - top, -1)
+        found.append(
+            CutView(
+                view_id=view.view_id, is_reference=view.is_reference,
+                place=(slice(top, bottom), slice(left, right)),
+                x=x[part].reshape(shape), y=y[part].reshape(shape),
+                observed=observed[part].reshape(shape), flags=flags[part].reshape(shape),
+            )
+        )  # fmt: skip
+    return found
 
 
 @njit(**EXACT)
 def _cut_out(
-    positions, pixels, offsets, top, left, before, magnification_x, offset_x, above,
-    magnification_y, offset_y, x, y, observed,
+    table, some, places, is_offset, before, magnification_x, offset_x, above, magnification_y,
+    offset_y, x, y, observed, flags,
 ):  # fmt: skip
-    """Write a part of a view, and where on the HR grid of a box it lands."""
-    for row in range(observed.shape[0]):
-        # flat, so that several are worked on at once
-        points, grey = positions[top + row].reshape(-1)[2 * left :], pixels[top + row, left:]
-        along, down, line = x[row], y[row], observed[row]
-        for column in range(line.size):
-            along[column] = (points[2 * column] - before) * magnification_x + offset_x
-            down[column] = (points[2 * column + 1] - above) * magnification_y + offset_y
-        for column in range(line.size):
-            line[column] = grey[column]
-        if offsets.size > 0:
-            less = offsets[top + row, left:]
-            for column in range(line.size):
-                line[column] -= less[column]
+    """Write parts of views, one behind the other, and where on the HR grid of a box they land."""
+    at = 0
+    for index in some:
+        positions, pixels = points_at(table, index, _POSITION), floats_at(table, index, _PIXELS)
+        judged = bytes_at(table, index, _FLAGS)
+        top, bottom, left, right = places[index]
+        width = right - left
+        for row in range(top, bottom):
+            # flat, so that several are worked on at once
+            points, grey = positions[row].reshape(-1)[2 * left :], pixels[row, left:right]
+            along, down, line = x[at : at + width], y[at : at + width], observed[at : at + width]
+            verdicts, own = flags[at : at + width], judged[row, left:right]
+            for column in range(width):
+                along[column] = (points[2 * column] - before) * magnification_x + offset_x
+                down[column] = (points[2 * column + 1] - above) * magnification_y + offset_y
+            for column in range(width):
+                line[column] = grey[column]
+            for column in range(width):
+                verdicts[column] = own[column]
+            if is_offset:
+                less = floats_at(table, index, _OFFSET)[row, left:right]
+                for column in range(width):
+                    line[column] -= less[column]
+            at += width
 
 
 @njit(**EXACT)
@@ -335,16 +374,29 @@ def _mark_boxes(boxes, marks):
 
 
 @njit(**EXACT)
-def _landing_in(position, marks, found):
+def _landing_in(table, reference, marks, places):
     """Write the rows and columns, half-open, of the pixels that land in boxes; one, if none.
 
     Every third row and column is looked at, and the box found widened by as much.
 
     Parameters
     ----------
+    table : Table
+        Of :class:`Uncut`.
+    reference : int
+        Of its views, the one that is left out.
     marks : (H, W) uint64
         Of :func:`_mark_boxes`, of the reference.
+    places : (boxes, views, 4) int64
     """
+    for index in range(table.shape[0]):
+        if index != reference:
+            _view_landing_in(points_at(table, index, _POSITION), marks, places[:, index])
+
+
+@njit(**EXACT)
+def _view_landing_in(position, marks, found):
+    """Write those of one view."""
     rows, columns = position.shape[:2]
     half, nothing = np.float32(0.5), np.uint64(0)
     right, under = np.float32(marks.shape[1] - 0.5), np.float32(marks.shape[0] - 0.5)

@@ -20,7 +20,7 @@ Table = npt.NDArray[np.int64]
 
 
 def table_of(rows: Iterable[Sequence[npt.NDArray]]) -> Table:
-    """Return where images lie, those of a row being of one size.
+    """Return where images lie, those of a row being of one size; of points, too, (H, W, 2).
 
     Raises
     ------
@@ -29,9 +29,9 @@ def table_of(rows: Iterable[Sequence[npt.NDArray]]) -> Table:
     """
     lines = []
     for images in rows:
-        shape = images[0].shape
+        shape = images[0].shape[:2]
         for image in images:
-            if not image.flags.c_contiguous or image.shape != shape:
+            if not image.flags.c_contiguous or image.shape[:2] != shape:
                 raise ValueError("images of a row lie in one piece each, and are of one size")
         lines.append((*(image.ctypes.data for image in images), *shape))
     return np.array(lines, np.int64).reshape(len(lines), -1 if lines else 2)
@@ -49,9 +49,23 @@ def bytes_at(typing_context, table, row, column):
     return _image_at(types.uint8, table, row, column)
 
 
-def _image_at(kind: types.Type, table: types.Type, row: types.Type, column: types.Type):
-    """Return signature and code of what makes an image of a table's; nobody counts who holds it."""
-    image = types.Array(kind, 2, "C")
+@intrinsic
+def points_at(typing_context, table, row, column):
+    """Return an image of points of a table, (H, W, 2) float32."""
+    return _image_at(types.float32, table, row, column, 2)
+
+
+def _image_at(
+    kind: types.Type, table: types.Type, row: types.Type, column: types.Type, *further: int
+):
+    """Return signature and code of what makes an image of a table's; nobody counts who holds it.
+
+    Parameters
+    ----------
+    further : int
+        Sizes along further axes.
+    """
+    image = types.Array(kind, 2 + len(further), "C")
 
     def generate(context, builder, signature, arguments):
         lines = context.make_array(table)(context, builder, arguments[0])
@@ -62,12 +76,15 @@ def _image_at(kind: types.Type, table: types.Type, row: types.Type, column: type
             builder.load(builder.gep(first, [place]))
             for place in (arguments[2], builder.sub(count, two), builder.sub(count, one))
         )
-        size = context.get_abi_sizeof(context.get_data_type(kind))
-        item = context.get_constant(types.intp, size)
+        shape = height, width, *(context.get_constant(types.intp, size) for size in further)
+        item = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind)))
+        strides = [item]
+        for size in shape[:0:-1]:
+            strides.insert(0, builder.mul(size, strides[0]))
         made = make_array(image)(context, builder)
         populate_array(
-            made, data=builder.inttoptr(address, made.data.type), shape=(height, width),
-            strides=(builder.mul(width, item), item), itemsize=item, meminfo=None,
+            made, data=builder.inttoptr(address, made.data.type), shape=shape, strides=strides,
+            itemsize=item, meminfo=None,
         )  # fmt: skip
         return made._getvalue()
 

@@ -9,13 +9,13 @@ from pipeline.grid import Grid, Sampling
 from pipeline.reconstruction.again import Due, fuse_again
 from pipeline.reconstruction.fused import FusedTuning, fuse, landing_points
 from pipeline.reconstruction.parts import (
+    Uncut,
     covering_boxes,
     cut_views,
     landing_in,
     widened,
 )
 from pipeline.reconstruction.psf import GaussianPsf
-from pipeline.reconstruction.system import NOTHING
 
 SHAPE = (72, 104)
 GRID = Grid(magnification_x=2, magnification_y=2, sampling=Sampling.DECIMATION)
@@ -69,20 +69,31 @@ def test_everything_wanted_is_one_box():
 def test_views_are_cut_to_what_lands_in_the_box():
     views = _views(0)
     box = widened((slice(24, 40), slice(32, 48)), SHAPE)
-    (places,) = landing_in(views, [box])
-    cut = cut_views(
-        [(view, NOTHING, place) for view, place in zip(views, places, strict=True)], box, GRID
-    )
-    for view, part, points, place in zip(views, cut.views, cut.points, cut.places, strict=True):
+    offsets = [np.full(SHAPE, number, np.float32) for number in range(3)]
+    uncut = Uncut(views, offsets)
+    cut = cut_views(uncut, landing_in(uncut, [box])[0], [0, 1, 2], box, GRID)
+    for view, part, offset in zip(views, cut, offsets, strict=True):
         inside = np.zeros(SHAPE, bool)
-        inside[place] = True
+        inside[part.place] = True
         x, y = view.position[..., 0], view.position[..., 1]
         lands = (x >= box[1].start) & (x < box[1].stop - 0.5)
         lands &= (y >= box[0].start) & (y < box[0].stop - 0.5)
         assert inside[lands].all()
-        np.testing.assert_array_equal(part.observed, view.observed[place])
-        for landed, whole, side in zip(points, landing_points(view, GRID), box[::-1], strict=True):
-            np.testing.assert_allclose(landed + 2 * side.start, whole[place], atol=1e-4)
+        np.testing.assert_array_equal(part.observed, (view.observed - offset)[part.place])
+        np.testing.assert_array_equal(part.flags, view.flags[part.place])
+        for landed, whole, side in zip(
+            (part.x, part.y), landing_points(view, GRID), box[::-1], strict=True
+        ):
+            np.testing.assert_allclose(landed + 2 * side.start, whole[part.place], atol=1e-4)
+
+
+def test_more_boxes_than_are_told_apart_at_once_hold_what_lands_in_each():
+    uncut = Uncut(_views(0))
+    boxes = [(slice(row, row + 8), slice(column, column + 13))
+             for row in range(0, 72, 8) for column in range(0, 104, 13)]  # fmt: skip
+    places = landing_in(uncut, boxes)
+    for box, there in zip(boxes, places, strict=True):
+        np.testing.assert_array_equal(there, landing_in(uncut, [box])[0])
 
 
 def test_what_is_due_is_as_if_all_had_been_solved_and_the_rest_is_kept():
