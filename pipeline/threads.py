@@ -8,6 +8,7 @@ algebra runs on one thread, always: how its sums are split depends on their numb
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -124,33 +125,45 @@ def map_threads(
     """
     work = list(items)
     limit = min(threads or thread_count(), thread_count(), len(work))
+    if limit <= 1 or getattr(_state, "inside", False):
+        found = []
+        for item in work:
+            _check_stop()
+            found.append(function(item))
+        return found
+    waiting = deque(enumerate(work))
+    results: dict[int, Result] = {}
+    failures: dict[int, BaseException] = {}
     stop = getattr(_state, "stop", None)
 
-    def unless_stopped(item: Item) -> Result:
-        _check_stop()
-        return function(item)
-
-    if limit <= 1 or getattr(_state, "inside", False):
-        return [unless_stopped(item) for item in work]
-
-    def guarded(item: Item) -> Result:
+    def take() -> None:
+        """Work on items, one after another, as long as there are any."""
         _state.inside, _state.stop = True, stop
         try:
-            return unless_stopped(item)
+            while waiting:
+                try:
+                    number, item = waiting.popleft()
+                except IndexError:  # another thread was quicker
+                    return
+                try:
+                    _check_stop()
+                    results[number] = function(item)
+                except BaseException as failure:
+                    failures[number] = failure
+                    waiting.clear()
         finally:
             _state.inside, _state.stop = False, None
 
     pool = thread_pool()
-    if limit >= thread_count():
-        futures = [pool.submit(guarded, item) for item in work]
-        try:
-            return [future.result() for future in futures]
-        except BaseException:
-            for future in futures:
-                future.cancel()
-            raise
-    with ThreadPoolExecutor(max_workers=limit) as small:
-        return list(small.map(guarded, work))
+    takers = [pool.submit(take) for _ in range(limit)]
+    try:
+        for taker in takers:
+            taker.result()
+    finally:
+        waiting.clear()
+    if failures:
+        raise failures[min(failures)]
+    return [results[number] for number in range(len(work))]
 
 
 def shares(size: int) -> list[slice]:
