@@ -75,7 +75,7 @@ class Piece:
 
     box: Box
     wanted: Mask
-    """(rows, columns): its pixels that are due."""
+    """(H, W): the pixels of the whole that are due."""
     inner: Box
     """Where the box lies in what was solved, LR pixels."""
     grid: Grid
@@ -83,11 +83,11 @@ class Piece:
     """Of what it was solved."""
     solved: FusedResult
     shown: HrImage
-    """What was solved, finished and clipped, where that was asked for."""
+    """What was solved, finished, where that was asked for."""
 
-    def put_into(self, image: HrImage, part: HrImage) -> None:
+    def put_into(self, image: HrImage, part: HrImage, *, is_clipped: bool = False) -> None:
         """Write of what was solved, or made of that, the pixels that are due, in place."""
-        put_pixels(image, part[on_hr_grid(self.inner, self.grid)], self.wanted, self.box, self.grid)
+        put_pixels(image, part, self.wanted, self.box, self.grid, self.inner, is_clipped=is_clipped)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,9 +144,9 @@ def pieces_of(
             most_bands=max(1, min(NUM_BANDS, height * width // BAND_PIXELS)), stop=stop,
         )  # fmt: skip
         return Piece(
-            box=box, wanted=part.wanted[box], inner=within(box, wide), grid=grid, cut=cut,
+            box=box, wanted=part.wanted, inner=within(box, wide), grid=grid, cut=cut,
             solved=solved,
-            shown=np.clip(finished(solved, learned), 0.0, 255.0) if is_shown else NOTHING,
+            shown=finished(solved, learned) if is_shown else NOTHING,
         )  # fmt: skip
 
     def boxes_of(again: Again) -> list[tuple[Again, Due, Box, Uncut, npt.NDArray[np.int64]]]:

@@ -86,8 +86,9 @@ def restored(
     estimate, shown, frames = before.estimate, before.shown.copy(), before.frames.copy()
     parts = parts_alone(mean, restoration, grid, learned, boxes)
     for box, part in zip(boxes, parts, strict=True):
-        put_pixels(estimate, part, wanted[box], box, grid)
-        put_pixels(shown, np.clip(part, 0.0, 255.0), wanted[box], box, grid)
+        part = np.ascontiguousarray(part)
+        put_pixels(estimate, part, wanted, box, grid)
+        put_pixels(shown, part, wanted, box, grid, is_clipped=True)
     np.copyto(frames, count, where=wanted)
     return Restored(
         estimate=estimate, shown=shown, frames=frames, restoration=restoration, alone=wanted
@@ -141,7 +142,7 @@ def refreshed(
         view = made[number]
         for piece in pieces[number]:
             piece.put_into(view.estimate, piece.solved.estimate)
-            piece.put_into(view.shown, piece.shown)
+            piece.put_into(view.shown, piece.shown, is_clipped=True)
         solved = functools.reduce(np.logical_or, [part.wanted for part in again[number].due])
         np.copyto(view.frames, np.float32(np.inf), where=solved)
         return replace(view, again=solved)

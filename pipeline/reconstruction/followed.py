@@ -224,17 +224,21 @@ def _join(
 
 def _observe(estimate: HrImage, grid: Grid, psf: Psf) -> npt.NDArray[np.float32]:
     """Return what the LR pixels of a part would observe of an estimate."""
-    kernels = [
-        (np.ones(1), 0) if axis is None else (axis.taps_at(offset - centre), centre)
+    (along_x, first_x), (along_y, first_y) = _observing(grid, psf)
+    seen = cv2.sepFilter2D(estimate, cv2.CV_32F, along_x, along_y, borderType=cv2.BORDER_REFLECT)
+    return seen[first_y :: grid.magnification_y, first_x :: grid.magnification_x]
+
+
+@functools.lru_cache(maxsize=8)
+def _observing(grid: Grid, psf: Psf) -> list[tuple[npt.NDArray[np.float32], int]]:
+    """Return, along x and along y, the taps of an observed pixel, and the HR pixel amid them."""
+    return [
+        (np.ones(1, np.float32), 0)
+        if axis is None
+        else (axis.taps_at(offset - centre).astype(np.float32), centre)
         for axis, offset in zip(psf_axes(psf, grid), (grid.offset_x, grid.offset_y), strict=True)
         for centre in [int(np.floor(offset + 0.5))]
     ]
-    (along_x, first_x), (along_y, first_y) = kernels
-    seen = cv2.sepFilter2D(
-        estimate, cv2.CV_32F, along_x.astype(np.float32), along_y.astype(np.float32),
-        borderType=cv2.BORDER_REFLECT,
-    )  # fmt: skip
-    return seen[first_y :: grid.magnification_y, first_x :: grid.magnification_x]
 
 
 @functools.cache

@@ -188,42 +188,56 @@ def on_hr_grid(box: Box, grid: Grid) -> Box:
     )
 
 
-def put_pixels(image: GreyImage, part: GreyImage, wanted: Mask, box: Box, grid: Grid) -> None:
+def put_pixels(
+    image: GreyImage, part: GreyImage, wanted: Mask, box: Box, grid: Grid,
+    inner: Box | None = None, *, is_clipped: bool = False,
+) -> None:  # fmt: skip
     """Write the HR pixels of a box whose LR pixels are wanted, in place.
 
     Parameters
     ----------
     part : (K·h, K·w) float32
-        Of the box.
-    wanted : (h, w) bool
-        Likewise.
+        Of the box, or of more around it.
+    wanted : (H, W) bool
+        Of the whole reference.
+    inner : Box, optional
+        Where the box lies in the part, LR pixels.
+    is_clipped : bool
+        Whether to 0..255.
     """
-    top, left = box[0].start * grid.magnification_y, box[1].start * grid.magnification_x
+    rows, columns = box
+    before = (0, 0) if inner is None else (inner[0].start, inner[1].start)
     # contiguous, for one compilation
     _put_pixels(
-        np.ascontiguousarray(part), np.ascontiguousarray(wanted), grid.magnification_y,
-        grid.magnification_x, top, left, image,
+        np.ascontiguousarray(part), wanted, rows.start, rows.stop, columns.start, columns.stop,
+        *before, grid.magnification_y, grid.magnification_x, is_clipped, image,
     )  # fmt: skip
 
 
 @njit(**EXACT)
-def _put_pixels(part, wanted, down, across, top, left, image):
-    columns = wanted.shape[1]
-    for row in range(wanted.shape[0]):
-        end = 0
-        while end < columns:
+def _put_pixels(
+    part, wanted, top, bottom, left, right, above, before, down, across, is_clipped, image
+):  # fmt: skip
+    black, white = np.float32(0.0), np.float32(255.0)
+    for row in range(top, bottom):
+        end = left
+        while end < right:
             start = end
-            while start < columns and not wanted[row, start]:
+            while start < right and not wanted[row, start]:
                 start += 1
             end = start
-            while end < columns and wanted[row, end]:
+            while end < right and wanted[row, end]:
                 end += 1
             # a run of them at once
-            for fine in range(row * down, (row + 1) * down):
-                source = part[fine, start * across : end * across]
-                target = image[top + fine, left + start * across :]
-                for column in range(source.size):
-                    target[column] = source[column]
+            for fine in range(down):
+                source = part[(row - top + above) * down + fine, (start - left + before) * across :]
+                target = image[row * down + fine, start * across : end * across]
+                if is_clipped:
+                    for column in range(target.size):
+                        target[column] = min(max(source[column], black), white)
+                else:
+                    for column in range(target.size):
+                        target[column] = source[column]
 
 
 class Uncut:

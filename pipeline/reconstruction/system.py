@@ -359,11 +359,14 @@ class NormalEquations:
 
 
 def rows_beyond(image: HrImage, lo: int, hi: int, reach: int) -> tuple[HrImage, HrImage]:
-    """Return copies of so many rows before ``lo`` and from ``hi`` on.
+    """Return copies of so many rows before ``lo`` and from ``hi`` on, as far as the image goes.
 
     Bands change their rows in place, side by side: what one reads of another is set aside before.
     """
-    return image[max(0, lo - reach) : lo].copy(), image[hi : hi + reach].copy()
+    return (
+        image[max(0, lo - reach) : lo].copy() if lo > 0 else NOTHING,
+        image[hi : hi + reach].copy() if hi < image.shape[0] else NOTHING,
+    )
 
 
 def _weighs_anew(held: int, hold: int, left: int, is_stretched: bool) -> bool:
