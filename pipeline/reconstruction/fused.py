@@ -136,9 +136,12 @@ class FusedTuning:
     to the noise: the less there is, the less the prior says."""
     data_share: float = DATA_SHARE
     """What the preconditioner adds for the observations."""
-    stretch: float | None = None
-    """How many times as far as the step before it the last one goes, if need be; None: as far as
+    stretch: float | None = 2.3
+    """How many times as far as the step before it the last one from all views goes; None: as far as
     its direction tells, which costs a multiplication by the matrix."""
+    nearly: float = 1.5
+    """That one is taken where so many times the share is left at which a descent has come far
+    enough."""
     settled: float = 0.05
     """Share of its first gradient at which a descent has come far enough, at noise 1 and σ_psf
     1; …"""
@@ -263,7 +266,7 @@ def local_strength(
     cells = cv2.resize(squares, lr_size, interpolation=cv2.INTER_AREA)
     power, least = tuning.prior_detail
     power *= min(noise, 1.0) ** 2
-    logarithms = np.log1p(np.maximum(cells / 2 - np.float32(left), 0))
+    logarithms = np.log(np.maximum(cells / 2 - np.float32(left), 0) + 1)
     detail = cv2.GaussianBlur(logarithms, (0, 0), AROUND)
     local = np.maximum(np.exp(-power * detail), np.float32(least))
     return np.asarray(cv2.resize(local, (width, height), interpolation=cv2.INTER_LINEAR))
@@ -402,25 +405,26 @@ def fuse(
     )  # fmt: skip
     stop_reason = "iterations"
 
-    def solve(estimate: HrImage, plan: int, most: int | None) -> HrImage:
+    def solve(estimate: HrImage, plan: int, most: int | None, stretch: float | None) -> HrImage:
         nonlocal stop_reason
         if stop is not None and stop():
             stop_reason = "stopped"
             return estimate
         if most is not None and most < plan:
             stop_reason = "steps"
+        settled = settled_share(noise, psf.sigma, tuning)
         return system.descend(
             estimate, scale, strength, plan if most is None else min(plan, most),
-            hold=max(1, round(tuning.hold / noise)),
-            settled=settled_share(noise, psf.sigma, tuning), data_share=tuning.data_share,
-            stretch=tuning.stretch, stop=stop,
+            hold=max(1, round(tuning.hold / noise)), data_share=tuning.data_share,
+            settled=settled if stretch is None else tuning.nearly * settled,
+            stretch=stretch, stop=stop,
         )  # fmt: skip
 
     is_alone = len(registered) == 1
     steps_alone = tuning.only if is_alone else int(tuning.alone / noise)
     if steps_alone > 0:
         system.gather([(*points[reference], own.observed, ones)])
-        estimate = solve(estimate, steps_alone, most_steps if is_alone else None)
+        estimate = solve(estimate, steps_alone, most_steps if is_alone else None, None)
     weights = [
         ones if index == reference else np.empty(view.observed.shape, np.float32)
         for index, view in enumerate(registered)
@@ -460,7 +464,7 @@ def fuse(
 
         map_threads(weigh_and_correct, system.shares_of(len(registered)))
         system.gather_table(table, estimate)
-        estimate = solve(estimate, tuning.together, most_steps)
+        estimate = solve(estimate, tuning.together, most_steps, tuning.stretch)
     residuals: tuple[float, ...] = ()
     misfits: tuple[float, ...] = ()
     if judged:

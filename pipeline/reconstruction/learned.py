@@ -31,6 +31,9 @@ RADIUS = PATCH // 2
 SURROUNDINGS = 1.2
 """σ of the window of the structure tensor, pixels."""
 
+AROUND = 0.9
+"""σ of the window over which views are counted, LR pixels."""
+
 REACH = filter_kernels.HALO
 """Pixels to each side that tell what becomes of one, without the number of views."""
 
@@ -218,7 +221,10 @@ def views_seen(density: GreyImage, magnification: int) -> npt.NDArray[np.float32
     density : (K·H, K·W) float32
         See :class:`fused.FusedResult`.
     magnification : int
-        K; the mean is taken over about one LR pixel.
+        K; the mean is taken over about one LR pixel to each side.
     """
-    around = cv2.GaussianBlur(density, (0, 0), float(magnification))
-    return around * np.float32(magnification**2)
+    height, width = density.shape
+    lr_size = max(1, width // magnification), max(1, height // magnification)
+    cells = cv2.resize(density, lr_size, interpolation=cv2.INTER_AREA)
+    around = cv2.GaussianBlur(cells, (0, 0), AROUND) * np.float32(magnification**2)
+    return np.asarray(cv2.resize(around, (width, height), interpolation=cv2.INTER_LINEAR))

@@ -1,6 +1,6 @@
 """The exact median of magnitudes by counting: several times faster than by sorting parts.
 
-Floats that are not negative are in the order of their bits. One pass counts the upper sixteen of
+Floats that are not negative are in the order of their bits. One pass counts the upper ones of
 them; only what has those of the median is sorted, in part.
 """
 
@@ -12,6 +12,9 @@ from numba import njit
 
 from pipeline.compiled import OPTIONS
 
+LOWER = 19
+"""Bits that are not counted: sixteen numbers in each octave are told apart."""
+
 
 def median_magnitude(values: npt.NDArray[np.float32]) -> float:
     """Return the median of the absolute values that are finite; NaN where there is none.
@@ -20,7 +23,7 @@ def median_magnitude(values: npt.NDArray[np.float32]) -> float:
     2.5
     """
     bits = np.ascontiguousarray(values, np.float32).view(np.int32).reshape(-1)
-    upper = np.zeros(1 << 15, np.int64)
+    upper = np.zeros(1 << (31 - LOWER), np.int64)
     count = _count_upper(bits, upper)
     if count == 0:
         return float("nan")
@@ -49,7 +52,7 @@ def _count_upper(bits, upper):
     for index in range(bits.size):
         magnitude = bits[index] & 0x7FFFFFFF
         if magnitude < 0x7F800000:
-            upper[magnitude >> 16] += 1
+            upper[magnitude >> LOWER] += 1
             count += 1
     return count
 
@@ -60,6 +63,6 @@ def _collect(bits, high, out):
     count = 0
     for index in range(bits.size):
         magnitude = bits[index] & 0x7FFFFFFF
-        if magnitude >> 16 == high:
+        if magnitude >> LOWER == high:
             out[count] = magnitude
             count += 1

@@ -51,6 +51,10 @@ FLOOR = 0.005
 """Share of that weight which is left at the strongest edge: without it little would keep an image
 together where nobody looks."""
 
+BENT_EVERY, BENT_FROM = 4, 64
+"""Rows of which one tells what the prior makes of a direction's curvature, in bands of so many or
+more: how far a step goes need not be known better."""
+
 
 @njit(**OPTIONS)
 def turn_and_apply(
@@ -84,7 +88,7 @@ def turn_and_apply(
     Returns
     -------
     float
-        Of these rows, pᵀ (Bᵀ M B + λ P) p.
+        Of these rows, pᵀ (Bᵀ M B + λ P) p; the latter of one row of ``BENT_EVERY``.
     """
     width, reach = sharpened.shape[1], taps_y.size - 1
     lines = 2 * reach + 1
@@ -115,7 +119,8 @@ def _turn_and_apply(
     end_spline, next_spline = min(height, end_lattice + 1), max(0, next_lattice - 1)
     end_blurred, next_blurred = min(height, end_spline + reach), max(0, next_spline - reach)
     f, s = np.float32(factor), np.float32(strength)
-    total = 0.0
+    every = BENT_EVERY if hi - lo >= BENT_FROM else 1
+    total, bent, count = 0.0, 0.0, 0
     for y in range(lo, hi):
         while next_back < min(end_back, y + reach + 1):
             v = next_back
@@ -150,14 +155,18 @@ def _turn_and_apply(
         own = around[y % 2, 1 : 1 + width]
         if writes:
             copy_row(own, direction[y])
+        total += dot_row(own, out[y])
+        if (y - lo) % every > 0:
+            continue
         first = (y + 1) * pitch + 1
         for x in range(0, width, WIDE):
             bend_wide(
                 prior, first + x, plane, around, y % 2 * length + 1 + x, below * length + 1 + x,
                 line, x,
             )  # fmt: skip
-        total += dot_row(own, out[y]) + s * sum_row(line[:width])
-    return total
+        bent += sum_row(line[:width])
+        count += 1
+    return total + s * bent * ((hi - lo) / count)
 
 
 @njit(**LEAN)
@@ -445,13 +454,17 @@ def _square(first, second, out):
 
 
 @njit(**LEAN)
-def advance(step, direction, level, lo, hi, estimate, out):
-    """Write rows of the estimate plus step · direction and the level; ``out`` may be the same."""
-    s, more = np.float32(step), np.float32(level)
+def advance(step, direction, more, towards, level, lo, hi, estimate, out):
+    """Write rows of the estimate + step · direction + more · towards + level."""
+    s, t, base = np.float32(step), np.float32(more), np.float32(level)
     for y in range(lo, hi):
-        along, image, result = direction[y], estimate[y], out[y]
-        for x in range(along.size):
-            result[x] = image[x] + (s * along[x] + more)
+        along, beside, image, result = direction[y], towards[y], estimate[y], out[y]
+        if t == 0:
+            for x in range(along.size):
+                result[x] = image[x] + (s * along[x] + base)
+        else:
+            for x in range(along.size):
+                result[x] = image[x] + (s * along[x] + t * beside[x] + base)
 
 
 @njit(**OPTIONS)

@@ -42,8 +42,8 @@ TILE = 24_000
 """HR pixels of the rows that are gathered together: their sums stay in the processor's cache."""
 
 SHORT_HOLD = 2
-"""Steps for which the prior is held, at most, where the gradient that is left is foreseen: after
-more of them it may grow as the prior is weighed anew."""
+"""Steps for which the prior is held, at most, where the end of a descent is not looked for only
+when the prior has been weighed anew: after more of them the gradient may grow by that."""
 
 NEGLIGIBLE = 5e-4
 """Share of the middle tap below which outer taps are left out."""
@@ -119,10 +119,11 @@ class NormalEquations:
         self._along, self._sharpening = _halves(taps), _halves(sharpening)
         height, width = shape
         self._origin: HrImage | None = None
-        # what lies behind a row stays zero
-        self._masses = np.zeros((height, kernels.LATTICE, width + TAIL), np.uint16)
-        self._units = np.zeros(height, np.float32)
-        self._rhs = np.zeros(shape, np.float32)
+        self._masses = np.empty((height, kernels.LATTICE, width + TAIL), np.uint16)
+        self._masses[:, :, width:] = 0  # what lies behind a row stays zero
+        self._units = np.empty(height, np.float32)
+        self._rhs = np.empty(shape, np.float32)
+        self._has_gathered = False
         self._bands = bands(shape[0], most_bands)
         self._scratch: list[HrImage] = []
         self.steps = 0
@@ -150,7 +151,7 @@ class NormalEquations:
     def gather_table(self, table: Table, predicted_by: HrImage | None = None) -> None:
         """Do what :meth:`gather` does with a table of observations, see ``kernels.WEIGHT``."""
         height, width = self.shape
-        self._origin = predicted_by
+        self._origin, self._has_gathered = predicted_by, True
         level = self._level if predicted_by is None else np.float32(0)
         stretches = [rows * -(-columns // TOGETHER) for rows, columns in table[:, -2:].tolist()]
         starts = np.cumsum([0, *stretches])
@@ -178,6 +179,8 @@ class NormalEquations:
     @property
     def density(self) -> HrImage:
         """(KH, KW): weight of the observations at the places that belong to each HR pixel."""
+        if not self._has_gathered:
+            self.gather([])
         out = np.empty(self.shape, np.float32)
         map_threads(
             lambda band: kernels.sum_places(self._masses, self._units, *band, out),
@@ -215,18 +218,21 @@ class NormalEquations:
         steps : int
             At most; ``steps`` of the system counts them.
         settled : float
-            Ends where the (preconditioned) gradient has fallen to this share of what it was, the
-            prior being weighed anew, or where it will have, should the step to come lower it as the
-            one before did.
+            Where the (preconditioned) gradient has fallen to this share of what it was, the next
+            step is the last one. Without ``stretch`` it ends there, the prior being weighed anew,
+            or where it will have fallen to that, should the step to come lower it as the one before
+            did.
         data_share : float
             What the preconditioner adds for the observations.
         stretch : float, optional
-            How many times as far as the step before it the last of them goes; its direction is not
-            multiplied by the matrix then, and what is due is weighed for the one before it.
-            Default: as far as the matrix tells.
+            How many times as far as the step before it the last step goes; its direction is not
+            multiplied by the matrix then. What is due for the last of ``steps`` is weighed for the
+            one before it. Default: as far as the matrix tells.
         stop : callable, optional
             Polled before every step; true ends the work.
         """
+        if not self._has_gathered:
+            self.gather([])
         image, residual, direction, applied, sharpened = self._rooms()
         np.subtract(estimate, self._level, out=image)
         direction[:] = 0
@@ -234,7 +240,7 @@ class NormalEquations:
         unit = _unit(strength, scale)
         self._write_residual(estimate, image, prior, residual)
         first = None
-        previous = step = 0.0
+        previous = step = stretched = 0.0
         held, done = hold, 0
         foresees = hold <= SHORT_HOLD
         while done < steps and not (stop is not None and stop()):
@@ -246,13 +252,14 @@ class NormalEquations:
             taken, step = step, 0.0
             first = energy if first is None else first
             held = 0 if renew else held
-            if renew and energy <= settled**2 * first:
+            has_settled = energy <= settled**2 * first and (renew or foresees)
+            if stretch is None and renew and has_settled:
                 break
             factor = energy / previous if done else 0.0
-            if stretch is not None and 0 < done == steps - 1:
-                step = stretch * taken
-                self._advance(step, sharpened, np.float32(0), image, image)
-                step *= factor
+            # a gradient that has grown, the prior being weighed anew, tells no length
+            if stretch is not None and 0 < factor < 1 and (has_settled or done == steps - 1):
+                stretched = stretch * taken
+                step = stretched * factor
                 done += 1
                 break
             curvature = self._turn(sharpened, factor, direction, prior, unit, applied, writes=True)
@@ -263,11 +270,17 @@ class NormalEquations:
             held += 1
             done += 1
             # what falls on as it fell will have settled, and need not be looked at
-            if held >= hold and foresees and 0 < factor * energy <= settled**2 * first:
+            will_settle = 0 < factor * energy <= settled**2 * first
+            if stretch is None and held >= hold and foresees and will_settle:
                 break
         self.steps += done
         out = np.empty(self.shape, np.float32)
-        self._advance(step, direction, self._level, image, out)
+        map_threads(
+            lambda band: sweeps.advance(
+                step, direction, stretched, sharpened, self._level, *band, image, out
+            ),
+            self._bands,
+        )
         return out
 
     def _write_residual(
@@ -282,14 +295,6 @@ class NormalEquations:
             return
         away = image if self._origin is None else estimate - self._origin
         self._turn(away, 0.0, away, prior, 0.0, residual, self._rhs)
-
-    def _advance(
-        self, step: float, direction: HrImage, level: np.float32, image: HrImage, out: HrImage
-    ) -> None:
-        """Write an image with a step along a direction and a level added; it may be the same."""
-        map_threads(
-            lambda band: sweeps.advance(step, direction, level, *band, image, out), self._bands
-        )
 
     def _rooms(self) -> list[HrImage]:
         """Return arrays to work in, of whatever they held."""
@@ -317,7 +322,7 @@ class NormalEquations:
                 map_threads(
                     lambda item: sweeps.turn_and_apply(
                         sharpened, factor, direction, item[1], *self._along, self._masses,
-                        self._units, rhs,                        prior, unit, *item[0], writes, out,
+                        self._units, rhs, prior, unit, *item[0], writes, out,
                     ),
                     bands,
                 )

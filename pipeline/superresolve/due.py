@@ -19,10 +19,10 @@ from pipeline.reconstruction.fused import FusedTuning, by_power
 from pipeline.superresolve.memory import Solved
 from pipeline.superresolve.registered import RegisteredFrame
 
-WARM = FusedTuning(alone=0.0, together=4)
+WARM = FusedTuning(alone=0.0, together=4, stretch=None)
 """Work from the previous frame's result; see :class:`FusedTuning` for that from a cold start."""
 
-NEW = FusedTuning(alone=0.0, together=14, settled=0.08)
+NEW = replace(WARM, together=14, settled=0.08)
 """The same where the previous frame does not show it."""
 
 QUIET = 1.0
@@ -31,7 +31,7 @@ and what of the reference alone has not been found yet passes for disagreement o
 
 MOVED = FusedTuning(
     together=6, hold=4.2, prior_strength=0.14, prior_noise_powers=(1.75, 1.75),
-    prior_psf_powers=(-1.0, -1.35), data_share=0.015, stretch=4.0, corrections=1,
+    prior_psf_powers=(-1.0, -1.35), data_share=0.015, nearly=1.0, stretch=4.0, corrections=1,
 )  # fmt: skip
 """Work from a cold start where the camera has moved, of two views and at σ_psf 1: few steps smooth
 by themselves, and leave less to the prior, which at noise 2 is weighed anew in every second one;
@@ -47,7 +47,7 @@ MOVED_PSF_POWERS = (-1.3, 1.0)
 MOVED_NOISE_POWERS = (-0.46, 0.15)
 """… and with the noise likewise, below and above noise 2."""
 
-STILL = FusedTuning(alone=0.0, together=2, prior_detail=(0.25, 0.5))
+STILL = replace(WARM, together=2, prior_detail=(0.25, 0.5))
 """The same where nothing has changed but the mean of the observations. The prior says more in what
 is rich in detail than elsewhere in a chain: where it says little, frames long ago are seen for
 longer, and a picture jumps where segments meet."""

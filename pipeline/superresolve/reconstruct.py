@@ -156,7 +156,9 @@ def _reconstruct(
         solved = _solve(frame, registered, start, learned, residual_threshold, stop)
     if stop is not None and stop():
         raise Interrupted
-    luma = np.clip(finished(solved, learned, shown), 0.0, 255.0)
+    luma = finished(solved, learned, shown)
+    # what the solver made is kept as it is
+    luma = np.clip(luma, 0.0, 255.0, out=None if luma is solved.estimate else luma)
     kept = Solved(
         result=solved, shown=luma, views=views,
         frames=frames_solved(frame, target, previous, due),

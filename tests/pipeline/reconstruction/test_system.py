@@ -611,6 +611,20 @@ def test_a_descent_that_has_come_far_enough_ends():
     assert system.steps == before
 
 
+def test_a_descent_that_has_nearly_come_far_enough_ends_with_a_step_that_is_not_measured():
+    system = _system(_observations(count=(20, 30)))
+    start = np.full(HR_SHAPE, 120, np.float32)
+
+    def after(steps, **options):
+        system.steps = 0
+        return system.descend(start, 5.0, 0.0, steps, **options), system.steps
+
+    found, steps = after(40, settled=0.1, stretch=2.0)
+    assert 1 < steps < 20
+    np.testing.assert_array_equal(found, after(steps, stretch=2.0)[0])
+    assert after(40, settled=0.1)[1] <= steps <= after(40, settled=0.05)[1] + 1
+
+
 def test_what_is_observed_beyond_a_prediction_leads_where_the_whole_does():
     x, y, value, weight = _observations(count=(20, 30))
     predicting, other = _image(seed=3), _image(seed=8)
