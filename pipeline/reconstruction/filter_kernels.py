@@ -6,8 +6,15 @@ import numpy as np
 from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
-from pipeline.reconstruction.rows import mirror
-from pipeline.reconstruction.simd import LANES, PATCH, WIDE, blur_wide, weigh_patches
+from pipeline.reconstruction.rows import copy_row, mirror
+from pipeline.reconstruction.simd import (
+    LANES,
+    PATCH,
+    WIDE,
+    blur_wide,
+    kinds_wide,
+    weigh_patches,
+)
 
 ANGLES = 4
 """Directions that are told apart between 0° and 45°; the others are mirror images of these."""
@@ -31,6 +38,21 @@ _LOADS = tuple(np.float32(load) for load in LOADS)
 _TINY = np.float32(1e-12)
 """Energy below which a structure has no direction, grey levels squared."""
 
+
+def _factors(loads: int) -> tuple[np.int32, ...]:
+    """Return what one mirroring, angle, strength, coherence and number of views counts in a kind.
+
+    Parameters
+    ----------
+    loads : int
+        How many numbers of views are told apart.
+    """
+    of_strength = (len(COHERENCES) + 1) * loads
+    of_angle = (len(STRENGTHS) + 1) * of_strength
+    return tuple(map(np.int32, (ANGLES * of_angle, of_angle, of_strength, loads, 1)))
+
+
+_FACTORS, _FACTORS_OF_VIEWS = _factors(1), _factors(len(LOADS) + 1)
 
 HALO = 5
 """Rows above and below one that tell its kinds and what is added to it."""
@@ -108,8 +130,8 @@ def classify(padded, side, width, height, lo, hi, window, views, tells_views, ki
         How many views observe what lies around each pixel.
     tells_views : int
         1 where the classes tell how many, 0 where they do not.
-    kinds : (hi − lo, ≥ W) int16
-        Overwritten.
+    kinds : (hi − lo, ≥ W + WIDE) int16
+        Overwritten; any kinds behind the last pixel.
     """
     length = width + 2 * REACH + WIDE
     rooms = (
@@ -126,7 +148,7 @@ def classify(padded, side, width, height, lo, hi, window, views, tells_views, ki
 @njit(**LEAN)
 def _classify_rows(padded, side, width, height, lo, hi, window, views, tells_views, kinds, rooms):
     ring, products, tensor, sums, steps = rooms
-    flat, rows = ring.reshape(-1), products.reshape(-1)
+    flat, rows, numbers = ring.reshape(-1), products.reshape(-1), tensor.reshape(-1)
     lines, length = ring.shape[1], ring.shape[2]
     taps = window[0], window[1], window[2], window[3], window[4]
     next_row = max(0, lo - REACH)
@@ -169,7 +191,19 @@ def _classify_rows(padded, side, width, height, lo, hi, window, views, tells_vie
                     ),
                     taps, tensor[plane], x,
                 )  # fmt: skip
-        _find_kinds(tensor, views[y], tells_views, kinds[y - lo, :width])
+        if tells_views:
+            copy_row(views[y], steps)
+        for x in range(0, width, WIDE):
+            if tells_views:
+                kinds_wide(
+                    numbers, x, tensor.shape[1], steps, TANGENTS, _ENERGIES, _RATIOS, _LOADS, _TINY,
+                    _FACTORS_OF_VIEWS, kinds[y - lo], x,
+                )  # fmt: skip
+            else:
+                kinds_wide(
+                    numbers, x, tensor.shape[1], steps, TANGENTS, _ENERGIES, _RATIOS, (), _TINY,
+                    _FACTORS, kinds[y - lo], x,
+                )  # fmt: skip
 
 
 @njit(**LEAN)
@@ -199,36 +233,6 @@ def _differ(above, own, below, width, sums, steps, products):
         xx[x] = across * across
         xy[x] = across * down
         yy[x] = down * down
-
-
-@njit(**LEAN)
-def _find_kinds(tensor, views, tells_views, kinds):
-    """Write the kinds of a row, see :func:`classify`."""
-    loads = np.int32(1 + len(_LOADS) * tells_views)
-    tells = np.int32(tells_views)
-    count = np.int32(ANGLES * (len(_ENERGIES) + 1) * (len(_RATIOS) + 1)) * loads
-    half, two = np.float32(0.5), np.float32(2.0)
-    xx, xy, yy = tensor[0], tensor[1], tensor[2]
-    for x in range(kinds.size):
-        across = xx[x] - yy[x]
-        slant = two * xy[x]
-        spread = np.sqrt(across * across + slant * slant)
-        total = xx[x] + yy[x]
-        larger = half * (total + spread)
-        smaller = half * (total - spread)
-        mirroring = np.int32(2) * np.int32(slant < 0) + np.int32(across < 0)
-        slant, across = abs(slant), abs(across)
-        angle = strength = roundness = load = np.int32(0)
-        for limit in TANGENTS:
-            angle += np.int32(slant > limit * across)
-        for limit in _ENERGIES:
-            strength += np.int32(larger >= limit)
-        for limit in _RATIOS:
-            roundness += np.int32(smaller > limit * larger + _TINY)
-        for limit in _LOADS:
-            load += np.int32(views[x] >= limit)
-        found = (angle * np.int32(len(_ENERGIES) + 1) + strength) * np.int32(len(_RATIOS) + 1)
-        kinds[x] = mirroring * count + (found + roundness) * loads + load * tells
 
 
 @njit(**OPTIONS)

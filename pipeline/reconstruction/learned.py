@@ -22,7 +22,7 @@ import numpy.typing as npt
 from pipeline.frames import GreyImage
 from pipeline.reconstruction import filter_kernels
 from pipeline.reconstruction.filter_kernels import ANGLES, COHERENCES, LOADS, STRENGTHS
-from pipeline.reconstruction.simd import LANES, PATCH
+from pipeline.reconstruction.simd import LANES, PATCH, WIDE
 from pipeline.threads import map_threads
 
 RADIUS = PATCH // 2
@@ -198,7 +198,7 @@ def _padded_and_kinds(
     (height, width), (lo, hi), halo = image.shape, band, filter_kernels.HALO
     padded = np.empty((hi - lo + 2 * halo, width + 2 * RADIUS + 2 * LANES), np.float32)
     filter_kernels.pad(image, lo - halo, hi + halo, RADIUS, 0.0, 255.0, padded)
-    kinds = np.zeros((hi - lo, width + LANES), np.int16)
+    kinds = np.zeros((hi - lo, width + WIDE), np.int16)
     filter_kernels.classify(
         padded, RADIUS, width, height, lo, hi, _window(), image if views is None else views,
         int(views is not None), kinds,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 LANES = 8
@@ -566,6 +567,91 @@ def round_wide(typing_context, sums, at, out, to):
         whole = builder.fptosi(wide.add(total, wide.halves), wide.words)
         where = wide.place(result, arguments[3], kind=wide.shorts)
         builder.store(builder.trunc(whole, wide.shorts), where, align=2)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def kinds_wide(
+    typing_context, tensor, at, pitch, views, tangents, energies, ratios, loads, tiny, factors,
+    kinds, to,
+):  # fmt: skip
+    """Write the kinds of sixteen pixels, see ``filter_kernels.classify``.
+
+    Parameters
+    ----------
+    tensor : float32 array
+    at, pitch : intp
+        Of the first pixel in xx, of three planes; from plane to plane.
+    views : float32 array
+        How many views observe what lies around each pixel, of which the sixteen from its element
+        ``to`` on are taken.
+    tangents, energies, ratios, loads : tuple of float32
+        Limits of what tells angle, strength, coherence and number of views; where there are none,
+        that tells nothing.
+    tiny : float32
+        Energy below which a structure has no direction.
+    factors : tuple of int32
+        What one mirroring, angle, strength, coherence and number of views counts.
+    kinds, to : int16 array, intp
+        Where the result goes.
+    """
+    signature = types.void(
+        tensor, types.intp, types.intp, views, tangents, energies, ratios, loads, types.float32,
+        factors, kinds, types.intp,
+    )  # fmt: skip
+    limits = [kind.count for kind in (tangents, energies, ratios, loads)]
+
+    def generate(context, builder, signature, arguments):
+        wide = _Vectors(builder, WIDE)
+        numbers, seen, result = (
+            _data(context, builder, signature, arguments, n) for n in (0, 3, 10)
+        )
+        at, pitch, to = arguments[1], arguments[2], arguments[11]
+        xx = wide.load(numbers, at)
+        xy = wide.load(numbers, builder.add(at, pitch))
+        yy = wide.load(numbers, builder.add(at, builder.mul(pitch, ir.Constant(pitch.type, 2))))
+        one = ir.FunctionType(wide.floats, [wide.floats])
+        root, size = (
+            cgutils.get_or_insert_function(builder.module, one, f"llvm.{name}.v{WIDE}f32")
+            for name in ("sqrt", "fabs")
+        )
+        across, slant = wide.subtract(xx, yy), wide.add(xy, xy)
+        squares = wide.add(wide.times(across, across), wide.times(slant, slant))
+        spread, total = builder.call(root, [squares]), wide.add(xx, yy)
+        larger = wide.times(wide.halves, wide.add(total, spread))
+        smaller = wide.times(wide.halves, wide.subtract(total, spread))
+
+        def counted(sign, first, second, factor):
+            """Return a factor where the comparison holds, else zero."""
+            value = builder.extract_value(arguments[9], factor)
+            undefined = ir.Constant(wide.words, ir.Undefined)
+            single = builder.insert_element(undefined, value, ir.Constant(_WORD, 0))
+            spread_out = wide.choose(single, undefined, [0] * WIDE)
+            holds = builder.fcmp_ordered(sign, first, second)
+            return builder.select(holds, spread_out, ir.Constant(wide.words, [0] * WIDE))
+
+        def limit(number, place):
+            return wide.spread(builder.extract_value(arguments[number], place))
+
+        upright = counted("<", across, wide.zeros, 0)
+        mirrored = counted("<", slant, wide.zeros, 0)
+        kind = builder.add(upright, builder.add(mirrored, mirrored))
+        slant, across = builder.call(size, [slant]), builder.call(size, [across])
+        for place in range(limits[0]):
+            passed = counted(">", slant, wide.times(limit(4, place), across), 1)
+            kind = builder.add(kind, passed)
+        for place in range(limits[1]):
+            kind = builder.add(kind, counted(">=", larger, limit(5, place), 2))
+        for place in range(limits[2]):
+            bound = wide.add(wide.times(limit(6, place), larger), wide.spread(arguments[8]))
+            kind = builder.add(kind, counted(">", smaller, bound, 3))
+        for place in range(limits[3]):
+            passed = counted(">=", wide.load(seen, to), limit(7, place), 4)
+            kind = builder.add(kind, passed)
+        where = wide.place(result, to, kind=wide.shorts)
+        builder.store(builder.trunc(kind, wide.shorts), where, align=2)
         return context.get_dummy_value()
 
     return signature, generate
