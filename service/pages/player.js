@@ -6,11 +6,11 @@ const EASY = 0.6; // seconds behind the edge that are good
 const LATE = 3; // seconds behind after which we jump
 const KEEP = 20; // seconds kept behind the place shown
 
-/** Play HLS; return what can be closed. */
+/** Play HLS; return what can be closed, and tells which time of the video the element calls 0. */
 export function playHls(video, address, { live, onTrouble }) {
   if (!Hls.isSupported()) {
     video.src = address; // where the browser plays HLS itself
-    return { close: () => video.removeAttribute("src"), latency: () => NaN };
+    return { close: () => video.removeAttribute("src"), latency: () => NaN, begin: () => 0 };
   }
   const hls = new Hls({
     enableWorker: false, // a worker from a blob is not let in
@@ -24,12 +24,20 @@ export function playHls(video, address, { live, onTrouble }) {
     if (type === Hls.ErrorTypes.MEDIA_ERROR) hls.recoverMediaError();
     else setTimeout(() => hls.loadSource(address), 2000);
   });
+  let begin = 0; // of a window that has moved on, its first segment
+  hls.on(Hls.Events.INIT_PTS_FOUND, (_, { initPTS, timescale }) => {
+    begin = initPTS / timescale;
+  });
   hls.loadSource(address);
   hls.attachMedia(video);
-  return { close: () => hls.destroy(), latency: () => (live ? hls.latency : NaN) };
+  return {
+    close: () => hls.destroy(),
+    latency: () => (live ? hls.latency : NaN),
+    begin: () => begin,
+  };
 }
 
-/** Play the live edge; return what can be closed. */
+/** Play the live edge; return the same. */
 export function playLive(video, path, { onTrouble, onEnd }) {
   const state = { closed: false, queue: [], buffer: null, media: null, socket: null, next: null };
 
@@ -136,5 +144,6 @@ export function playLive(video, path, { onTrouble, onEnd }) {
       const ranges = video.buffered;
       return ranges.length ? ranges.end(ranges.length - 1) - video.currentTime : NaN;
     },
+    begin: () => 0,
   };
 }

@@ -53,13 +53,16 @@ function standing(video) {
   }
 }
 
+/** Which time of a video its element calls 0, seconds. */
+const beginOf = (name) => players[name]?.begin() ?? 0;
+
 /** Draw what videos hold; the number that is said is that of the very pictures drawn. */
 function show(name) {
   if (!view.works || !videos[name].videoWidth || !seen.tracks.result) return;
   const picture = standing(videos[name]);
   if (!picture) return;
   view.take(name, picture.image,
-    picture.time === null ? null : Math.round(picture.time * seen.tracks.result.fps));
+    picture.time === null ? null : Math.round((picture.time + beginOf(name)) * seen.tracks.result.fps));
   picture.close();
   if (name === "result") {
     drawn += 1;
@@ -82,7 +85,8 @@ function keepTogether() {
   if (!players.before || !before.readyState || before.seeking || !seen.tracks.result) return;
   const frame = 1 / (seen.tracks.result.fps || 25);
   // Who goes to the very end at once is given no picture.
-  const wanted = Math.min(result.currentTime, (before.duration || Infinity) - frame / 2);
+  const there = result.currentTime + beginOf("result") - beginOf("before");
+  const wanted = Math.min(there, (before.duration || Infinity) - frame / 2);
   const apart = before.currentTime - wanted;
   if (result.paused || Math.abs(apart) > 0.5) {
     if (!before.paused) before.pause();
@@ -228,7 +232,7 @@ function showPlace() {
   seek.max = end;
   if (document.activeElement !== seek || !video.paused) seek.value = video.currentTime;
   seek.setAttribute("aria-valuetext", `${duration(video.currentTime)} of ${duration(end)}`);
-  const time = shownFrame === null ? video.currentTime : shownFrame / track.fps;
+  const time = shownFrame === null ? video.currentTime : shownFrame / track.fps - beginOf("result");
   const number = shownFrame === null ? "" : ` · frame ${track.first_frame + shownFrame}`;
   place("time").textContent = `${duration(time)} / ${duration(end)}${number}`;
   if (report?.frames && shownFrame !== null) facts(place("frame"), frameFacts(report, track.first_frame + shownFrame));
@@ -284,7 +288,8 @@ for (const name of ["play", "pause", "ended"]) videos.result.addEventListener(na
 function showSought(tries = TRIES) {
   if (!seen.tracks.result) return; // a stream that has been stopped
   const video = videos.result;
-  const sought = Math.floor(video.currentTime * seen.tracks.result.fps + 1e-3) - (video.ended ? 1 : 0);
+  const at = video.currentTime + beginOf("result");
+  const sought = Math.floor(at * seen.tracks.result.fps + 1e-3) - (video.ended ? 1 : 0);
   for (const name of Object.keys(players)) show(name);
   clearTimeout(looking);
   if (!video.paused || shownFrame === null || shownFrame === sought) return;
@@ -307,8 +312,9 @@ function step(frames) {
   if (!seen?.tracks.result) return;
   videos.result.pause();
   const { fps } = seen.tracks.result;
-  const from = shownFrame ?? Math.floor(videos.result.currentTime * fps);
-  videos.result.currentTime = Math.max(0, (from + frames + 0.5) / fps);
+  const begin = beginOf("result");
+  const from = shownFrame ?? Math.floor((videos.result.currentTime + begin) * fps);
+  videos.result.currentTime = Math.max(0, (from + frames + 0.5) / fps - begin);
 }
 place("back-frame").addEventListener("click", () => step(-1));
 place("next-frame").addEventListener("click", () => step(1));

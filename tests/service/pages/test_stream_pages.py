@@ -12,6 +12,7 @@ import pytest
 from pipeline.media.live_encode import LiveEncoder
 from pipeline.stereo import StereoLayout
 from service.config import ServiceConfig
+from service.live.broadcast import KEEP
 from service.streams.states import Action
 from tests.support.on_air import FPS, OnAir
 from tests.support.waiting import PATIENCE
@@ -106,10 +107,17 @@ HALVES = """async () => {
 """What stands in both halves at every refresh, the observed video being held back on the way."""
 
 
-def test_what_a_live_stream_is_compared_with_is_of_the_same_frame(chromium, station):
-    with Camera(station), opened(chromium, f"http://{station.address}/watch/streams/cam") as page:
+@pytest.mark.parametrize("way", ["live", "hls"])
+def test_what_a_live_stream_is_compared_with_is_of_the_same_frame(chromium, station, way):
+    camera = Camera(station)
+    for _ in range(2 * round(KEEP * FPS)):  # what HLS began with has been forgotten
+        camera.feed()
+    with camera, opened(chromium, f"http://{station.address}/watch/streams/cam") as page:
         until_page(page, "window.depthsrWatch.numbers().way === 'live'")
+        page.locator(f'[name="way"][value="{way}"]').check()
         until_page(page, "window.depthsrWatch.numbers().drawn > 0")
+        first = camera.number
+        until_page(page, f"window.depthsrWatch.numbers().shownFrame > {first}")
         page.locator("text=Before and after").click()
         until_page(page, "window.depthsrWatch.view.hasBefore")
         seen = page.evaluate(HALVES)
@@ -120,6 +128,8 @@ def test_what_a_live_stream_is_compared_with_is_of_the_same_frame(chromium, stat
     assert max(abs(before + result - 255) for before, result in pairs) <= 3
     assert all(abs(left - right) <= 1 and left < 128 for left, right in alone)
     assert len({frame for *_, frame in seen}) > 10
+    shown = [(result, frame) for both, _, result, frame in seen if both]
+    assert max(abs(result - grey(frame)) for result, frame in shown) <= 3
 
 
 def test_a_worker_that_is_started_anew_is_watched_on(chromium, station):
