@@ -38,8 +38,9 @@ from pipeline.superresolve.reconstruct import colour_of
 from pipeline.superresolve.stages import Stages
 from pipeline.threads import map_threads, set_threads, stoppable
 
-CHANGED = replace(NEW, settled=0.12, hold=4.2)
-"""Work on what has changed in such a frame; at noise 2 every second step weighs the prior anew."""
+CHANGED = replace(NEW, settled=0.1, hold=4.2, stretch=2.0)
+"""Work on what has changed in such a frame; at noise 2 every second step weighs the prior anew, and
+the last step is not measured."""
 
 REGISTER_EVERY = 16
 """One frame in so many is registered there as a warm one is: drift is found and repaired."""
