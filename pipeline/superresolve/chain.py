@@ -20,6 +20,10 @@ IN_PLACE = 0.5
 """Share of a target that changes without moving from which the frame starts cold: it fades, or one
 picture dissolves into another, and what a chain keeps of it would be of the older picture."""
 
+IN_PLACE_OF_MOST = (2 / 3, 1 / 4)
+"""Share that has changed, with what is near, and share that has without moving, from which
+the same holds: light flickers. Little is left to go on from."""
+
 IN_PLACE_OF_FEW = 1 / 16
 """The same of a picture of few tiles, of which a part that dissolves is much."""
 
@@ -76,7 +80,11 @@ def continued(
     is_small = has_few_tiles(frame.lr_shape)
     drifts = memory.seen.drifts(frame, targets, noise)
     if not has_moved:
-        drifts = drifts or memory.seen.begins_apart(frame, targets, noise)
+        drifts = (
+            drifts
+            or memory.seen.begins_apart(frame, targets, noise)
+            or memory.seen.jumps(targets, noise)
+        )
     if drifts:
         has_moved = bool(matches) and not is_small
     if has_moved:
@@ -101,7 +109,9 @@ def continued(
         memory.move()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
         averaged = memory.seen.averaged(frame, noise)
-    if matches and _changes_in_place(memory, matches, IN_PLACE):
+    if matches and (
+        _changes_in_place(memory, matches, IN_PLACE) or _changes_mostly(memory, matches)
+    ):
         is_cut = True
         memory.begin_again()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
@@ -119,6 +129,15 @@ def continued(
         still=still,
         is_cut=is_cut,
         has_moved=has_moved,
+    )
+
+
+def _changes_mostly(memory: Memory, matches: Mapping[str, BlockMatch]) -> bool:
+    """Return whether most of every target has changed, and much of it where it was."""
+    changed, in_place = IN_PLACE_OF_MOST
+    still = memory.seen.still
+    return _changes_in_place(memory, matches, in_place) and all(
+        still[target].share_touched > changed for target in matches
     )
 
 

@@ -132,11 +132,12 @@ def swift_frame(
     with stoppable(stop):
         before = copy.copy(memory.seen)
         noise, nearness = memory.noise_and_nearness(frame, settings, near)
+        drifts = memory.seen.drifts(frame, targets, noise)
+        jumps = memory.seen.jumps(targets, noise)
         averaged = memory.seen.averaged(frame, noise)
         shares = [memory.seen.still[target].share_touched for target in targets]
-        drifts = memory.seen.drifts(frame, targets, noise)
         lags = memory.seen.lags(targets) or (not is_held and memory.seen.begins_to_lag(targets))
-        if memory.seen.is_quieter or drifts or lags or max(shares) > MUCH_CHANGED:
+        if memory.seen.is_quieter or drifts or jumps or lags or max(shares) > MUCH_CHANGED:
             memory.seen = before
             if lags:
                 memory.solve_again()

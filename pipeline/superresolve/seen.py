@@ -117,11 +117,27 @@ class Seen:
         self._frames += 1
         return any(goes_on for _, goes_on in found)
 
+    def jumps(self, targets: Sequence[str], noise: float) -> bool:
+        """Return whether most of a target is not what it was in the frames before.
+
+        To be asked after :meth:`drifts`, and before the frame is averaged.
+        """
+
+        def has_jumped(target: str) -> bool:
+            before = self.still.get(target)
+            if before is None:
+                return False
+            # fewer pixels say as much of how many frames they are the mean of
+            frames = 1 / float(np.mean(1 / before.count[::4, ::4]))
+            return changed_at_once(self._details[target], before.mean, frames, noise)
+
+        return any(map_threads(has_jumped, targets))
+
     def begins_apart(self, frame: MultiViewFrame, targets: Sequence[str], noise: float) -> bool:
         """Return whether the frame just asked of is to be computed as if all drifted.
 
-        Of a chain's first frames, which are too few to tell, that is so where most of a target has
-        changed at once, or where two share their noise, which hides what changes.
+        Of a chain's first frames, which are too few to tell, that is so where two share their
+        noise, which hides what changes.
         """
         if self._frames > FIRST:
             return False
@@ -132,9 +148,7 @@ class Seen:
             if not self._noise:
                 # what is given need not be the noise of these frames
                 own = min(noise, estimate_noise(frame.view(target).luma))
-            return share_noise(details, own) or (
-                len(details) == 2 and changed_at_once(details, noise)
-            )
+            return share_noise(details, own)
 
         return any(map_threads(is_apart, targets))
 

@@ -64,9 +64,9 @@ noise of their own would give it, below which two frames share their noise."""
 QUIET = 1.0
 """Noise below which that is not asked, grey levels: frames share what they show, too."""
 
-AT_ONCE = (0.1, 1.4)
-"""Square of what two pictures differ by at least where most has changed between them: grey
-levels², and a factor on what noise does there."""
+AT_ONCE = (0.1, 1.3)
+"""Square of what a picture differs by at least from the mean of those before where most has changed
+at once: grey levels², and a factor on what noise does there."""
 
 KEPT = SPAN + 2
 """Pictures that are needed, the newest one among them."""
@@ -87,28 +87,43 @@ class Detail:
 
 def detail_of(luma: GreyImage) -> Detail:
     """Return what is looked at of a picture."""
+    coarse, around = _coarse(luma)
     height, width = luma.shape
-    size = (max(1, width // 2), max(1, height // 2))
-    small = cv2.resize(luma, size, interpolation=cv2.INTER_AREA)
-    around = cv2.blur(small, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
     even = luma[: 2 * (height // 2), : 2 * (width // 2)]
     along = even[:, ::2] - even[:, 1::2]
     finest = np.float32(0.5) * (along[::2] - along[1::2])
-    return Detail(coarse=small - around, finest=finest, light=around)
+    return Detail(coarse=coarse, finest=finest, light=around)
 
 
-def changed_at_once(details: Sequence[Detail], noise: float) -> bool:
-    """Return whether the first two of some pictures differ in most blocks by more than noise.
+def changed_at_once(
+    details: Sequence[Detail], mean: GreyImage, frames: float, noise: float
+) -> bool:
+    """Return whether a picture differs in most blocks from those before it by more than noise.
+
+    From the last one, and farther from their mean, which has less noise to hide it; of a codec's
+    noise, which goes on, that has too little.
 
     Parameters
     ----------
-    details, noise
+    details
         As in :func:`goes_on_changing`.
+    mean : (H, W) float32
+        The pictures before, averaged, grey levels.
+    frames : float
+        How many the mean is worth.
+    noise : float
+        Standard deviation, LR pixels of one frame, grey levels.
     """
-    if not _are_two(details):
+    if not _are_two(details[-2:]):
         return False
-    power = _in_blocks((details[1].coarse - details[0].coarse) ** 2)
-    return _least_of_most(power) > AT_ONCE[0] + AT_ONCE[1] * PASSED * 2 * noise**2
+    last, now = (one.coarse for one in details[-2:])
+    before, _ = _coarse(mean)
+    if before.shape != now.shape:
+        return False
+    if _least_of_most(_in_blocks((now - last) ** 2)) <= PASSED * 2 * noise**2:
+        return False
+    power = _in_blocks((now - before) ** 2)
+    return _least_of_most(power) > AT_ONCE[0] + AT_ONCE[1] * PASSED * (1 + 1 / frames) * noise**2
 
 
 def share_noise(details: Sequence[Detail], noise: float) -> bool:
@@ -159,6 +174,15 @@ def goes_on_changing(details: Sequence[Detail], noise: float) -> bool:
         return False
     contrast = _contrast_changes(before, now)
     return contrast != 0 and contrast == _contrast_changes(first, last)
+
+
+def _coarse(luma: GreyImage) -> tuple[GreyImage, GreyImage]:
+    """Return a picture at half its size, less its mean in a box, and that mean."""
+    height, width = luma.shape
+    size = (max(1, width // 2), max(1, height // 2))
+    small = cv2.resize(luma, size, interpolation=cv2.INTER_AREA)
+    around = cv2.blur(small, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
+    return small - around, around
 
 
 def _are_two(details: Sequence[Detail]) -> bool:

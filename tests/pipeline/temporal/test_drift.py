@@ -152,7 +152,7 @@ def test_of_a_picture_with_few_blocks_nothing_is_said():
     details = [detail_of(_shifted(0.05 * number)[:48, :80]) for number in range(KEPT)]
     assert not goes_on_changing(details, NOISE)
     assert not share_noise(details, NOISE)
-    assert not changed_at_once(details, NOISE)
+    assert not changed_at_once(details, _shifted(0.0)[:48, :80], 1.0, NOISE)
 
 
 @pytest.mark.parametrize("kind", [*DRIFTS, "nothing"])
@@ -163,20 +163,34 @@ def test_frames_of_a_camera_have_their_own_noise(kind, noise):
         assert not share_noise(details[:last], noise)
 
 
+def _at_once(shown, noise, frames):
+    """Return whether a picture has changed at once since the mean of some frames before it."""
+    chance = np.random.default_rng(2)
+    *before, now = (
+        (shown(number) + chance.normal(0, noise, GROUND.shape)).astype(np.float32)
+        for number in [0] * frames + [1]
+    )
+    details = [detail_of(before[-1]), detail_of(now)]
+    return changed_at_once(details, np.mean(before, axis=0), frames, noise)
+
+
 @pytest.mark.parametrize("noise", [0.0, 1.0, NOISE])
-def test_what_changes_much_from_one_frame_to_the_next_has_changed_at_once(noise):
-    assert changed_at_once(_details(lambda number: _shifted(0.4 * number), 2, noise), noise)
+@pytest.mark.parametrize(("pixels", "frames"), [(0.4, 1), (0.25, 4)])
+def test_what_changes_much_from_one_frame_to_the_next_has_changed_at_once(noise, pixels, frames):
+    """A mean of several frames has less noise to hide it."""
+    assert _at_once(lambda number: _shifted(pixels * number), noise, frames)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0, NOISE, 5.0])
-def test_noise_light_and_what_moves_over_half_of_the_picture_are_no_change_at_once(noise):
+@pytest.mark.parametrize("frames", [1, 4])
+def test_noise_light_and_what_moves_over_half_of_the_picture_are_no_change_at_once(noise, frames):
     half = np.arange(WIDTH) < WIDTH // 2
     for shown in (
         lambda _: GROUND,
         lambda number: GROUND * (1 + 0.003 * number),
         lambda number: np.where(half, _shifted(3 * number), GROUND),
     ):
-        assert not changed_at_once(_details(shown, 2, noise), noise)
+        assert not _at_once(shown, noise, frames)
 
 
 def test_frames_without_noise_share_none():

@@ -272,6 +272,17 @@ def _half_turned_over(picture, other, number):
     return _half_turning_over(picture, other, min(2 * number, 16))
 
 
+def _nudged(picture, other, number):
+    """By 0.3 LR pixels in frame 5, and it stays there."""
+    return _aside([picture], 6)[0] if number >= 5 else picture
+
+
+def _flickering(picture, other, number):
+    """Lamps of 50 Hz, and a shutter that rolls."""
+    rows = np.arange(len(picture), dtype=np.float32)[:, None] / len(picture)
+    return picture * (1 + 0.03 * np.sin(2 * np.pi * (1.5 * rows + 100 / 15 * number)))
+
+
 def _slowly_softer(picture, other, number):
     return cv2.GaussianBlur(picture, (0, 0), 0.5 + 0.05 * number)
 
@@ -284,6 +295,8 @@ def _slowly_softer(picture, other, number):
         (_half_dissolving, 128, 20),
         (_half_turning_over, 128, 13),
         (_half_turned_over, 128, 10),
+        (_nudged, 256, 5),
+        (_flickering, 256, 2),
     ],
 )
 def test_what_changes_slowly_or_in_part_is_no_worse_than_cold(changed, width, last, temporal):
