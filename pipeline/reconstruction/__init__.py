@@ -4,8 +4,8 @@
 depth, layers or cameras. Intensities are grey levels, places HR pixels where nothing else is said.
 
 * :mod:`fused`: the default solver; its normal equations are :mod:`system`, solved by
-  :mod:`sweeps` over bands of rows, with :mod:`half_pixels`, :mod:`kernels`, :mod:`rows` and
-  :mod:`simd`;
+  :mod:`sweeps` over bands of rows, as :mod:`descent` says, with :mod:`half_pixels`,
+  :mod:`kernels`, :mod:`rows` and :mod:`simd`;
 * :mod:`pocs`: the thesis' own solvers (Eq. 7 to 10);
 * :mod:`restoration`: a view enlarged by itself, where the default starts; :mod:`learned` with
   :mod:`filter_kernels`: what learned filters add to it and to the result;

@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.reconstruction import kernels, sweeps
+from pipeline.reconstruction import descent, kernels, sweeps
 from pipeline.reconstruction.half_pixels import TAIL
 from pipeline.reconstruction.psf import SeparableTaps
 from pipeline.reconstruction.simd import TOGETHER
@@ -40,10 +40,6 @@ BAND_ROWS = 64
 
 TILE = 24_000
 """HR pixels of the rows that are gathered together: their sums stay in the processor's cache."""
-
-SHORT_HOLD = 2
-"""Steps for which the prior is held, at most, where the end of a descent is not looked for only
-when the prior has been weighed anew: after more of them the gradient may grow by that."""
 
 NEGLIGIBLE = 5e-4
 """Share of the middle tap below which outer taps are left out."""
@@ -229,7 +225,7 @@ class NormalEquations:
             multiplied by the matrix then. What is due for the last of ``steps`` is weighed for the
             one before it. Default: as far as the matrix tells.
         stop : callable, optional
-            Polled before every step; true ends the work.
+            Polled before every step, or, where there is one band, before all; true ends the work.
         """
         if not self._has_gathered:
             self.gather([])
@@ -239,41 +235,33 @@ class NormalEquations:
         prior = self._room_for_weights()
         unit = _unit(strength, scale)
         self._write_residual(estimate, image, prior, residual)
-        first = None
-        previous = step = stretched = 0.0
-        held, done = hold, 0
-        foresees = hold <= SHORT_HOLD
-        while done < steps and not (stop is not None and stop()):
-            renew = _weighs_anew(held, hold, steps - done, stretch is not None and done > 0)
-            energy, along = self._look(
-                step, image, direction, residual, applied, renew, prior, scale, unit, data_share,
-                sharpened,
+        rules = descent.rules_of(steps, hold, settled, stretch)
+        state = descent.begun(rules)
+
+        def is_stopped() -> bool:
+            return stop is not None and stop()
+
+        if len(self._bands) == 1 and not is_stopped():
+            descent.descend(
+                rules, state, scale, unit, PRIOR_SHARE, data_share, NOTHING, *self._along,
+                *self._sharpening, self._masses, self._units, self._local, image, direction,
+                residual, applied, prior, sharpened,
             )  # fmt: skip
-            taken, step = step, 0.0
-            first = energy if first is None else first
-            held = 0 if renew else held
-            has_settled = energy <= settled**2 * first and (renew or foresees)
-            if stretch is None and renew and has_settled:
+        while len(self._bands) > 1 and state[descent.DONE] < steps and not is_stopped():
+            renewed = descent.renews(rules, state)
+            energy, along = self._look(
+                state[descent.STEP], image, direction, residual, applied, renewed, prior, scale,
+                unit, data_share, sharpened,
+            )  # fmt: skip
+            if not descent.looked(rules, state, renewed, energy, along):
                 break
-            factor = energy / previous if done else 0.0
-            # a gradient that has grown, the prior being weighed anew, tells no length
-            if stretch is not None and 0 < factor < 1 and (has_settled or done == steps - 1):
-                stretched = stretch * taken
-                step = stretched * factor
-                done += 1
+            curvature = self._turn(
+                sharpened, state[descent.FACTOR], direction, prior, unit, applied, writes=True
+            )
+            if not descent.turned(rules, state, curvature):
                 break
-            curvature = self._turn(sharpened, factor, direction, prior, unit, applied, writes=True)
-            slope = energy + factor * along
-            if not (slope > 0 and curvature > 0):
-                break
-            step, previous = slope / curvature, energy
-            held += 1
-            done += 1
-            # what falls on as it fell will have settled, and need not be looked at
-            will_settle = 0 < factor * energy <= settled**2 * first
-            if stretch is None and held >= hold and foresees and will_settle:
-                break
-        self.steps += done
+        done, step, stretched = state[[descent.DONE, descent.STEP, descent.STRETCHED]].tolist()
+        self.steps += int(done)
         out = np.empty(self.shape, np.float32)
         map_threads(
             lambda band: sweeps.advance(
@@ -372,29 +360,6 @@ def rows_beyond(image: HrImage, lo: int, hi: int, reach: int) -> tuple[HrImage, 
         image[max(0, lo - reach) : lo].copy() if lo > 0 else NOTHING,
         image[hi : hi + reach].copy() if hi < image.shape[0] else NOTHING,
     )
-
-
-def _weighs_anew(held: int, hold: int, left: int, is_stretched: bool) -> bool:
-    """Return whether the prior is weighed anew for a step.
-
-    Parameters
-    ----------
-    held, hold : int
-        Steps since it was, and for how many it holds.
-    left : int
-        Steps to do, this one among them.
-    is_stretched : bool
-        Whether the last of them is: what is due for it, or just before, is weighed for the last
-        but one.
-
-    >>> [_weighs_anew(held, 2, left, True) for held, left in ((2, 4), (2, 3), (3, 2), (1, 1))]
-    [True, False, True, False]
-    """
-    if not is_stretched or left > 3:
-        return held >= hold
-    if left == 2:
-        return held >= hold - 1
-    return left == 3 and held >= hold == 1
 
 
 def _unit(strength: float, scale: float) -> float:
