@@ -92,7 +92,7 @@ def pieces() -> list[Variant]:
         Variant(name="no prior", tuning=replace(tuning, prior_strength=1e-6)),
         Variant(
             name="no prior, stopped early",
-            tuning=replace(tuning, prior_strength=1e-6, alone=3.0, together=4),
+            tuning=replace(tuning, prior_strength=1e-6, alone=3.0, together=4, stretch=None),
         ),
         Variant(name="no verification", trust_all=True),
         Variant(
