@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import threading
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -16,6 +15,7 @@ import pytest
 from pipeline.numba_cache import prepare_numba_cache
 from tests.support.browser import PATIENCE_MS, Chromium, kill_browsers
 from tests.support.needed import absent, program
+from tests.support.waiting import limited
 
 prepare_numba_cache()  # before anything imports numba
 
@@ -107,16 +107,8 @@ def browsers_answer(request: pytest.FixtureRequest) -> Iterator[None]:
         return
     killed: list[str] = []
 
-    def kill() -> None:
-        killed.extend(kill_browsers())
-
-    timer = threading.Timer(ANSWERS_WITHIN, kill)
-    timer.daemon = True
-    timer.start()
-    try:
+    with limited(lambda: killed.extend(kill_browsers()), ANSWERS_WITHIN):
         yield
-    finally:
-        timer.cancel()
     assert not killed, (
         f"{request.node.nodeid}: a page had not answered after {ANSWERS_WITHIN:.0f} s, its browser "
         "was killed"

@@ -142,7 +142,9 @@ class NormalEquations:
             points are to lie on the lattice, as a reference's own do: beside it M is not quite
             theirs, and what is far from the start feels that.
         """
-        self.gather_table(table_of(observations), predicted_by)
+        # held, since the table only says where they lie
+        held = [tuple(map(np.ascontiguousarray, images)) for images in observations]
+        self.gather_table(table_of(held), predicted_by)
 
     def gather_table(self, table: Table, predicted_by: HrImage | None = None) -> None:
         """Do what :meth:`gather` does with a table of observations, see ``kernels.WEIGHT``."""

@@ -19,13 +19,17 @@ Table = npt.NDArray[np.int64]
 """(N, n + 2): of each of N rows, where n images lie, and their height and width."""
 
 
+_READ = np.dtype(np.float32), np.dtype(np.uint8)
+
+
 def table_of(rows: Iterable[Sequence[npt.NDArray]]) -> Table:
     """Return where images lie, those of a row being of one size; of points, too, (H, W, 2).
 
     Raises
     ------
     ValueError
-        Where one does not lie in one piece, row by row, or is not as large as those beside it.
+        Where one does not lie in one piece, row by row, is not as large as those beside it, or is
+        of other numbers than those that are read here.
     """
     lines = []
     for images in rows:
@@ -33,6 +37,8 @@ def table_of(rows: Iterable[Sequence[npt.NDArray]]) -> Table:
         for image in images:
             if not image.flags.c_contiguous or image.shape[:2] != shape:
                 raise ValueError("images of a row lie in one piece each, and are of one size")
+            if image.dtype not in _READ:
+                raise ValueError(f"images are of float32 or uint8, not {image.dtype}")
         lines.append((*(image.ctypes.data for image in images), *shape))
     return np.array(lines, np.int64).reshape(len(lines), -1 if lines else 2)
 

@@ -272,23 +272,25 @@ class Outlets:
             Output.LEFT: lambda: frame.pictures[0],
             Output.RIGHT: lambda: frame.pictures[1],
         }
+        both = b""
         for which, picture in pictures.items():
             if not self._publishers[which].has_subscribers:
                 continue
             shown = picture()
             data = encode_jpeg(shown, quality=self._jpeg_quality)
+            both = data if which is Output.SBS_JPEG else both
             header = self._header(which, frame, (shown.shape[1], shown.shape[0]))
             self._publishers[which].put(data, header.encoded())
-        self._show(self._stills.is_due)
+        self._show(self._stills.is_due, both)
 
-    def _show(self, is_asked: Callable[[float], bool]) -> bool:
-        """Show browsers the newest frame, if that is asked."""
+    def _show(self, is_asked: Callable[[float], bool], made: bytes = b"") -> bool:
+        """Show browsers the newest frame, if that is asked; it may have been made already."""
         with self._showing:
             with self._lock:
                 frame = self._eyes if is_asked(self._clock()) else None
             if frame is None:
                 return False
-            self._to_service("jpeg", encode_jpeg(frame.both, quality=self._jpeg_quality))
+            self._to_service("jpeg", made or encode_jpeg(frame.both, quality=self._jpeg_quality))
             return True
 
     def _header(

@@ -143,6 +143,27 @@ def test_the_gain_grows_with_the_views(scene, frame):
     assert scores[1] + 0.1 < scores[2]
 
 
+@pytest.mark.parametrize("noise", [0.3, 2.0])
+@pytest.mark.parametrize("num_views", [1, 3])
+def test_a_view_cut_out_of_a_larger_picture_is_as_good_as_a_copy_of_it(noise, num_views):
+    whole = SampleScene(width=64, height=48, num_views=3).frame(0, noise_sigma=noise)
+
+    def cut_out(view):
+        both = np.hstack([view.luma, view.luma])
+        return replace(view, luma=both[:, : view.luma.shape[1]])
+
+    cut = replace(whole, views=tuple(map(cut_out, whole.views)))
+    assert not cut.views[0].luma.flags.c_contiguous
+    names = tuple(view.view_id for view in whole.views)
+    one, other = (
+        superresolve(
+            frame, Settings(noise_sigma=noise), targets=names[:1], observed_views=names[:num_views]
+        )
+        for frame in (whole, cut)
+    )
+    np.testing.assert_array_equal(one.images[names[0]].luma, other.images[names[0]].luma)
+
+
 def test_an_eye_is_the_same_whether_the_other_is_asked_for_or_not(frame, result):
     alone = superresolve(_grey(frame), SETTINGS, targets=("cam1",))
     np.testing.assert_array_equal(alone.images["cam1"].luma, result.images["cam1"].luma)

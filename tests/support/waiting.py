@@ -24,9 +24,9 @@ def until(check: Callable[[], Any]) -> Any:
 
 
 @contextlib.contextmanager
-def limited(end: Callable[[], object]) -> Iterator[None]:
-    """Call what ends a wait that has no limit of its own, once it takes too long."""
-    timer = threading.Timer(PATIENCE, end)
+def limited(end: Callable[[], object], within: float = PATIENCE) -> Iterator[None]:
+    """Call what ends a wait that has no limit of its own, once it takes too long, seconds."""
+    timer = threading.Timer(within, end)
     timer.daemon = True
     timer.start()
     try:

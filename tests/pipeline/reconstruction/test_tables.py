@@ -39,3 +39,10 @@ def test_images_in_pieces_or_of_other_sizes_are_refused():
     for other in (image[:, ::2], image[:, 1:], image.T, image[:3]):
         with pytest.raises(ValueError, match="in one piece"):
             table_of([(image, other)])
+
+
+def test_images_of_other_numbers_are_refused():
+    image = np.zeros((4, 6), np.float32)
+    for kind in (np.float64, np.int16, np.bool_):
+        with pytest.raises(ValueError, match="float32 or uint8"):
+            table_of([(image, image.astype(kind))])
