@@ -56,12 +56,12 @@ def thread_count() -> int:
 
 
 def thread_pool() -> ThreadPoolExecutor:
-    """Return the shared pool, made on first use."""
+    """Return the shared pool, made on first use; who waits for it works, too."""
     global _pool
     count = thread_count()
     with _lock:
         if _pool is None:
-            _pool = ThreadPoolExecutor(max_workers=count, thread_name_prefix="depthsr")
+            _pool = ThreadPoolExecutor(max_workers=max(1, count - 1), thread_name_prefix="depthsr")
         return _pool
 
 
@@ -138,6 +138,7 @@ def map_threads(
 
     def take() -> None:
         """Work on items, one after another, as long as there are any."""
+        before = getattr(_state, "stop", None)
         _state.inside, _state.stop = True, stop
         try:
             while waiting:
@@ -152,15 +153,17 @@ def map_threads(
                     failures[number] = failure
                     waiting.clear()
         finally:
-            _state.inside, _state.stop = False, None
+            _state.inside, _state.stop = False, before
 
-    pool = thread_pool()
-    takers = [pool.submit(take) for _ in range(limit)]
+    # this thread works, too: one thread less to wake, and none to wait for where it takes all
+    takers = [thread_pool().submit(take) for _ in range(limit - 1)]
     try:
-        for taker in takers:
-            taker.result()
+        take()
     finally:
         waiting.clear()
+        for taker in takers:
+            if not taker.cancel():
+                taker.result()
     if failures:
         raise failures[min(failures)]
     return [results[number] for number in range(len(work))]
