@@ -31,6 +31,7 @@ demo: $(RUN)
 test: $(DEV) $(PEERS) $(BTV_L1) system
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 	$(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder
 
 bench: $(RUN)

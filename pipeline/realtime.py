@@ -129,8 +129,8 @@ FILLING = 0.03
 """Seconds of the first frame that a rung ever has in which caches are filled, about; kernels are
 loaded in a rehearsal."""
 
-AIM = 0.9
-"""Share of the budget that a frame of the rung gone down to should cost, at most."""
+AIM = 0.97
+"""Share of the budget that a frame of the rung gone to should cost, at most."""
 
 IN_VAIN = 0.05
 """Share of a frame's cost that going farther down must spare where no rung has time enough."""
@@ -141,10 +141,8 @@ measured after a rehearsal, so that no kernel is loaded in it."""
 
 LITTLE = 0.75
 """Share of the budget below which there is calm, by the mean of so many frames as are judged
-longest, since some of a stream cost more than others (one a second is a key frame) …"""
-
-ENOUGH = 0.95
-"""… as there is where the rung above should take no more than this."""
+longest, since some of a stream cost more than others (one a second is a key frame); and so there
+is where the rung above should cost no more than ``AIM``."""
 
 CALM, LONGEST_CALM = 16, 256
 """Frames of calm before quality goes up, at first and at most."""
@@ -453,7 +451,7 @@ class Controller:
             return
         self._since_up += 1
         mean = statistics.fmean(min(cost, FAR_TOO_MUCH) for cost in self._costs)
-        is_calm = mean < LITTLE or self._above(mean) <= ENOUGH
+        is_calm = mean < LITTLE or self._above(mean) <= AIM
         self._calm = self._calm + 1 if is_calm else 0
         load = self._load()
         was_guess, self._is_guess = self._is_guess, self._is_guess and cost > TOO_MUCH
