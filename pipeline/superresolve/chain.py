@@ -6,6 +6,7 @@ the memory forgets what no longer holds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ from pipeline.config import Settings
 from pipeline.frames import MultiViewFrame
 from pipeline.superresolve.memory import Memory
 from pipeline.temporal.initial import BlockMatch
-from pipeline.temporal.lagging import has_few_tiles
+from pipeline.temporal.lagging import has_few_tiles, tiles_of
 from pipeline.temporal.still import Still, first_seen
 
 IN_PLACE = 0.5
@@ -26,6 +27,10 @@ the same holds: light flickers. Little is left to go on from."""
 
 IN_PLACE_OF_FEW = 1 / 16
 """The same of a picture of few tiles, of which a part that dissolves is much."""
+
+FEWEST_TILES = 15
+"""Of a picture of fewer tiles nothing is kept that another place is seen from: so few blocks match
+there after a nudge, or where light flickers, that either is taken for that."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,7 +77,12 @@ def continued(
     matches = memory.matches(frame, targets, noise)
     is_other = any(match.is_cut for match in matches.values())
     is_quieter = bool(matches) and memory.seen.is_quieter
-    has_moved = is_other and not is_quieter and memory.has_moved(frame, targets)
+    has_moved = (
+        is_other
+        and not is_quieter
+        and math.prod(tiles_of(frame.lr_shape)) >= FEWEST_TILES
+        and memory.has_moved(frame, targets)
+    )
     is_cut = is_quieter or (is_other and not has_moved)
     if is_cut:
         memory.forget()

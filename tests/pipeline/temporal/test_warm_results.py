@@ -295,7 +295,9 @@ def _slowly_softer(picture, other, number):
         (_half_dissolving, 128, 20),
         (_half_turning_over, 128, 13),
         (_half_turned_over, 128, 10),
+        (_nudged, 128, 5),
         (_nudged, 256, 5),
+        (_flickering, 128, 5),
         (_flickering, 256, 2),
     ],
 )
