@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
-from pipeline.reconstruction.rows import copy_row, mirror
+from pipeline.reconstruction.rows import copy_row, make_lines, mirror, whole
 from pipeline.reconstruction.simd import (
     LANES,
     PATCH,
@@ -133,14 +133,14 @@ def classify(padded, side, width, height, lo, hi, window, views, tells_views, ki
     kinds : (hi − lo, ≥ W + WIDE) int16
         Overwritten; any kinds behind the last pixel.
     """
-    length = width + 2 * REACH + WIDE
+    length, lines = whole(width + 2 * REACH + WIDE), 2 * REACH + 1
     rooms = (
         # the tensor's three numbers, rows smoothed along x; room for sixteens
-        np.zeros((3, 2 * REACH + 1, length), np.float32),
-        np.zeros((3, length), np.float32),
-        np.zeros((3, width + WIDE), np.float32),
-        np.zeros(length, np.float32),
-        np.zeros(length, np.float32),
+        make_lines(3 * lines, length).reshape(3, lines, length),
+        make_lines(3, length),
+        make_lines(3, whole(width)),
+        make_lines(1, length)[0],
+        make_lines(1, length)[0],
     )
     _classify_rows(padded, side, width, height, lo, hi, window, views, tells_views, kinds, rooms)
 

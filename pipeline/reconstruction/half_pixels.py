@@ -16,16 +16,15 @@ import numpy as np
 from numba import njit
 
 from pipeline.compiled import INLINED, LEAN
+from pipeline.reconstruction.rows import whole
 from pipeline.reconstruction.simd import WIDE, collect_wide, join_wide, vertical_wide, weigh_wide
 
 LATTICE = 4
 """Places of the lattice that belong to an HR pixel."""
 
-LEAD = 2
-"""Numbers before the first pixel of a line."""
-
-TAIL = 18
-"""Numbers behind the last pixel of a row of a padded array, for loops by sixteens."""
+LEAD = WIDE
+"""Numbers before the first pixel of a line, and behind its last sixteen: more than are read beside
+a pixel, and as many as begin on a line of the processor's cache where the array does."""
 
 COEFFICIENTS, OWN, BETWEEN = 0, 3, 6
 """Rings of spline coefficients, and of what adds to those of the same row, and to those of this row
@@ -39,7 +38,10 @@ MIDDLE, SIDE, HALF = np.float32(0.75), np.float32(0.125), np.float32(0.5)
 STRIP = 512
 """Columns that are worked on at once, at most."""
 
-STRIP_PITCH = LEAD + STRIP + LEAD + TAIL
+STRIP_LEAD = 2 * LEAD
+"""Numbers before the first pixel of a line of a strip: sixteen of the strip before, and as many."""
+
+STRIP_PITCH = STRIP_LEAD + STRIP + STRIP_LEAD
 """Length of a line of a strip."""
 
 NUM_STRIP_LINES = 2 + LATTICE
@@ -49,7 +51,7 @@ NUM_STRIP_LINES = 2 + LATTICE
 @njit(**INLINED)
 def pitch_of(width):
     """Return the length of a line."""
-    return LEAD + width + TAIL
+    return LEAD + whole(width) + LEAD
 
 
 @njit(**INLINED)
@@ -69,8 +71,8 @@ def sample_row(work, strip, y, height, width, masses, unit):
         ``OWN`` and ``BETWEEN``.
     strip : (NUM_STRIP_LINES · STRIP_PITCH,) float32
         To work in.
-    masses : (4, ≥ KW + TAIL) uint16
-        Weights of row y.
+    masses : (4, whole(KW)) uint16
+        Weights of row y, zero behind the last pixel.
     unit : float32
         What one of them is worth.
     """
@@ -80,15 +82,16 @@ def sample_row(work, strip, y, height, width, masses, unit):
     last = start_of(COEFFICIENTS + below, width)
     flat, plane, places = masses.reshape(-1), masses.shape[1], 2 * STRIP_PITCH
     for left in range(0, width, STRIP):
-        right, to = min(left + STRIP, width), LEAD - left
-        for x in range(max(left - 2, 0), min(right + 2, width), WIDE):
+        right, to = min(left + STRIP, width), STRIP_LEAD - left
+        # by whole sixteens, of which but one or two are needed at either end
+        for x in range(max(left - WIDE, 0), min(right + 2, width), WIDE):
             vertical_wide(
                 work, first + x, own + x, last + x, MIDDLE, SIDE, HALF, strip, to + x,
                 STRIP_PITCH + to + x,
             )  # fmt: skip
         for line in range(2):
             _repeat_edges(strip, line * STRIP_PITCH + to, left, right, width)
-        for x in range(max(left - 1, 0), min(right + 1, width), WIDE):
+        for x in range(max(left - WIDE, 0), min(right + 1, width), WIDE):
             weigh_wide(
                 strip, to + x, STRIP_PITCH + to + x, MIDDLE, SIDE, HALF, flat, x, plane,
                 places + to + x, STRIP_PITCH,
@@ -96,7 +99,7 @@ def sample_row(work, strip, y, height, width, masses, unit):
         for number in range(0, LATTICE, 2):
             _repeat_edges(strip, places + number * STRIP_PITCH + to, left, right, width)
             if left == 0:
-                strip[places + (number + 1) * STRIP_PITCH + LEAD - 1] = np.float32(0.0)
+                strip[places + (number + 1) * STRIP_PITCH + STRIP_LEAD - 1] = np.float32(0.0)
         for x in range(left, right, WIDE):
             collect_wide(
                 strip, places + to + x, STRIP_PITCH, MIDDLE * unit, SIDE * unit, HALF * unit,
@@ -122,7 +125,7 @@ def join_row(work, y, height, width, out):
     work : (NUM_LINES · pitch,) float32
         With the rows y − 1 to y + 1, as far as there are any, of ``OWN``, and y − 1 and y of
         ``BETWEEN``.
-    out : (≥ KW + WIDE,) float32
+    out : (≥ whole(KW),) float32
     """
     above, below = max(y - 1, 0) % 3, min(y + 1, height - 1) % 3
     first, last = start_of(OWN + above, width), start_of(OWN + below, width)

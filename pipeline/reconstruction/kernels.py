@@ -107,7 +107,7 @@ def gather_band(
         Rows whose sums are kept at once.
     height, width : int
         KH, KW.
-    masses : (KH, 4, KW + TAIL) uint16
+    masses : (KH, 4, whole(KW)) uint16
         Weight at each place of the half-pixel lattice; zero behind the last pixel. These rows are
         overwritten.
     units : (KH,) float32

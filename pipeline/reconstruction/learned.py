@@ -23,6 +23,7 @@ from pipeline.frames import GreyImage
 from pipeline.reconstruction import filter_kernels
 from pipeline.reconstruction.filter_kernels import ANGLES, COHERENCES, LOADS, STRENGTHS
 from pipeline.reconstruction.simd import LANES, PATCH, WIDE
+from pipeline.reconstruction.system import on_lines
 from pipeline.threads import map_threads
 
 RADIUS = PATCH // 2
@@ -74,7 +75,8 @@ class FilterBank:
             whole, whole.transpose(0, 2, 1), whole[:, :, ::-1],
             whole[:, :, ::-1].transpose(0, 2, 1),
         )  # fmt: skip
-        padded = np.zeros((4, len(half), PATCH, LANES), np.float32)
+        padded = on_lines((4, len(half), PATCH, LANES), np.float32)
+        padded[..., PATCH:] = 0
         for number, kernels in enumerate(mirrored):
             padded[number, :, :, :PATCH] = kernels
         return padded.reshape(4 * len(half), PATCH * LANES)

@@ -9,8 +9,33 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.compiled import LEAN
+from pipeline.compiled import INLINED, LEAN, OPTIONS
 from pipeline.reconstruction.simd import WIDE, blur_wide
+
+LINE = 16
+"""Numbers in a line of the processor's cache. Sixteen that are read or written at once cross two
+lines where they do not begin with one, which takes half as long again and more."""
+
+
+@njit(**INLINED)
+def whole(width):
+    """Return the length of a row that ends with a line of the cache."""
+    return (width + LINE - 1) // LINE * LINE
+
+
+@njit(**OPTIONS)
+def make_lines(count, length):
+    """Return zeros (count, length) float32, the length a multiple of ``LINE``, from a line on."""
+    found = np.zeros(count * length + LINE, np.float32)
+    first = -(found.ctypes.data // 4) % LINE
+    return found[first : first + count * length].reshape(count, length)
+
+
+@njit(**OPTIONS)
+def make_room(size, reach):
+    """Return room for :func:`blur_row`: its own numbers, behind so many others, begin a line."""
+    first = -reach % LINE
+    return make_lines(1, whole(first + size + 2 * reach))[0, first:]
 
 
 @njit(**LEAN)

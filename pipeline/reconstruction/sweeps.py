@@ -15,16 +15,25 @@ from numba import njit
 from pipeline.compiled import LEAN, OPTIONS
 from pipeline.reconstruction.half_pixels import (
     COEFFICIENTS,
+    LEAD,
     NUM_LINES,
     NUM_STRIP_LINES,
     STRIP_PITCH,
-    TAIL,
     join_row,
     pitch_of,
     sample_row,
     start_of,
 )
-from pipeline.reconstruction.rows import blur_ring, blur_row, copy_row, dot_row, sum_row
+from pipeline.reconstruction.rows import (
+    blur_ring,
+    blur_row,
+    copy_row,
+    dot_row,
+    make_lines,
+    make_room,
+    sum_row,
+    whole,
+)
 from pipeline.reconstruction.simd import (
     WIDE,
     bend_wide,
@@ -51,6 +60,10 @@ FLOOR = 0.005
 """Share of that weight which is left at the strongest edge: without it little would keep an image
 together where nobody looks."""
 
+BEHIND = WIDE + 2
+"""Numbers behind the last pixel of a row, of local strengths and where the prior is weighed: as
+many as loops by sixteens read there."""
+
 BENT_EVERY, BENT_FROM = 4, 64
 """Rows of which one tells what the prior makes of a direction's curvature, in bands of so many or
 more: how far a step goes need not be known better."""
@@ -71,13 +84,14 @@ def turn_and_apply(
         Rows of ``direction`` before ``lo`` and from ``hi`` on, see ``system.rows_beyond``.
     taps_x, taps_y : float32
         Half taps of B.
-    masses : (KH, 4, ≥ KW + TAIL) uint16
-        Weight of what was observed at each place of the half-pixel lattice.
+    masses : (KH, 4, whole(KW)) uint16
+        Weight of what was observed at each place of the half-pixel lattice, zero behind the last
+        pixel.
     units : (KH,) float32
         What a unit of them is worth in each row.
     rhs : (KH, KW) float32
         b, where Bᵀ (b − M B p) is wanted; else empty.
-    prior : (4, KH + 1, ≥ KW + 1 + TAIL) uint16
+    prior : (4, KH + 1, pitch_of(KW)) uint16
         Weights of the prior, see :func:`look_and_sharpen`.
     strength : float
         λ, in units of the prior.
@@ -95,12 +109,12 @@ def turn_and_apply(
     return _turn_and_apply(
         sharpened, factor, direction, beyond, taps_x, taps_y, masses, units, rhs, prior, strength,
         lo, hi, writes, out,
-        np.empty((lines, width), np.float32), np.empty((lines, width), np.float32),
-        np.zeros(NUM_LINES * pitch_of(width), np.float32),
-        np.zeros(NUM_STRIP_LINES * STRIP_PITCH, np.float32),
+        make_lines(lines, whole(width)), make_lines(lines, whole(width)),
+        make_lines(NUM_LINES, pitch_of(width)).reshape(-1),
+        make_lines(NUM_STRIP_LINES, STRIP_PITCH).reshape(-1),
         # the last of these lines stays zero: what lies outside the image
-        np.zeros((3, 1 + width + TAIL), np.float32),
-        np.empty(width + 2 * (taps_x.size - 1), np.float32), np.zeros(width + TAIL, np.float32),
+        make_lines(3, pitch_of(width)),
+        make_room(width, taps_x.size - 1), make_lines(1, whole(width))[0],
     )  # fmt: skip
 
 
@@ -146,23 +160,23 @@ def _turn_and_apply(
             next_back += 1
         blur_ring(back, y, taps_y, height, width, out[y])
         if y == lo:
-            _combine(sharpened[y], f, direction[y], around[y % 2, 1:])
+            _combine(sharpened[y], f, direction[y], around[y % 2, LEAD:])
         below = (y + 1) % 2
         if y + 1 < height:
-            _plus_row(sharpened[y + 1], f, direction, beyond, y + 1, lo, hi, around[below, 1:])
+            _plus_row(sharpened[y + 1], f, direction, beyond, y + 1, lo, hi, around[below, LEAD:])
         else:
             below = 2
-        own = around[y % 2, 1 : 1 + width]
+        own = around[y % 2, LEAD : LEAD + width]
         if writes:
             copy_row(own, direction[y])
         total += dot_row(own, out[y])
         if (y - lo) % every > 0:
             continue
-        first = (y + 1) * pitch + 1
+        first = (y + 1) * pitch + LEAD
+        own_at, below_at = y % 2 * length + LEAD, below * length + LEAD
         for x in range(0, width, WIDE):
             bend_wide(
-                prior, first + x, plane, around, y % 2 * length + 1 + x, below * length + 1 + x,
-                line, x,
+                prior, first + x, plane, around, own_at + x, below_at + x, line, x
             )  # fmt: skip
         bent += sum_row(line[:width])
         count += 1
@@ -227,8 +241,8 @@ def look_and_sharpen(
         x, the direction p, the residual, and Bᵀ M B p.
     beyond : (of the estimate, of the residual)
         Their rows before ``lo`` and from ``hi`` on, see ``system.rows_beyond``.
-    prior : (4, KH + 1, ≥ KW + 1 + TAIL) uint16
-        Weights of the prior, see :func:`weigh_prior`. Row y in row y + 1, padded by one in
+    prior : (4, KH + 1, pitch_of(KW)) uint16
+        Weights of the prior, see :func:`weigh_prior`. Row y in row y + 1, padded by ``LEAD`` in
         front; planes: right, below-left, below, below-right; zero where a neighbour is outside.
     strength : float
         λ, in units of the prior; its diagonals count half.
@@ -247,12 +261,12 @@ def look_and_sharpen(
     return _look_and_sharpen(
         step, estimate, direction, residual, applied, beyond, prior, strength, share, least,
         taps_x, taps_y, lo, hi, sharpened,
-        np.zeros((lines, width + TAIL), np.float32), np.zeros((lines, width + TAIL), np.float32),
-        np.empty((lines, width), np.float32), np.empty((lines, width), np.float32),
-        np.empty((lines, width), np.float32),
+        make_lines(lines, whole(width)), make_lines(lines, whole(width)),
+        make_lines(lines, whole(width)), make_lines(lines, whole(width)),
+        make_lines(lines, whole(width)),
         # the last line stays zero: what lies outside the image
-        np.zeros((4, 1 + width + TAIL), np.float32),
-        np.empty(width + 2 * (taps_x.size - 1), np.float32), np.empty(width, np.float32),
+        make_lines(4, pitch_of(width)),
+        make_room(width, taps_x.size - 1), make_lines(1, whole(width))[0],
     )  # fmt: skip
 
 
@@ -272,7 +286,7 @@ def _look_and_sharpen(
     end_row = min(height, end_fine + reach)
     next_row = max(0, next_fine - reach)
     for row in range(max(0, next_row - 1), next_row + 1):
-        _row_plus(estimate, beyond[0], row, lo, hi, s, direction[row], around[row % 3, 1:])
+        _row_plus(estimate, beyond[0], row, lo, hi, s, direction[row], around[row % 3, LEAD:])
     energy, along = 0.0, 0.0
     for y in range(lo, hi):
         while next_fine < min(end_fine, y + reach + 1):
@@ -284,15 +298,22 @@ def _look_and_sharpen(
                 if u + 1 < height:
                     below = (u + 1) % 3
                     _row_plus(
-                        estimate, beyond[0], u + 1, lo, hi, s, direction[u + 1], around[below, 1:]
+                        estimate,
+                        beyond[0],
+                        u + 1,
+                        lo,
+                        hi,
+                        s,
+                        direction[u + 1],
+                        around[below, LEAD:],
                     )
                 row = gradient[u % lines]
                 _row_plus(residual, beyond[1], u, lo, hi, -s, applied[u], row)
                 if lo <= u < hi:
-                    copy_row(around[u % 3, 1 : 1 + width], estimate[u])
+                    copy_row(around[u % 3, LEAD : LEAD + width], estimate[u])
                     copy_row(row[:width], residual[u])
                 for x in range(0, width, WIDE):
-                    at = 1 + x
+                    at = LEAD + x
                     pull_wide(
                         prior, (u + 1) * pitch + at, plane, pitch, around,
                         above * length + at, u % 3 * length + at, below * length + at,
@@ -302,7 +323,7 @@ def _look_and_sharpen(
                 next_row += 1
             blur_ring(blurred, v, taps_y, height, width, line)
             _soften(gradient[v % lines], line, softness[v % lines], fine[v % lines])
-            blur_row(fine[v % lines], taps_x, room, smoothed[v % lines])
+            blur_row(fine[v % lines, :width], taps_x, room, smoothed[v % lines])
             next_fine += 1
         blur_ring(smoothed, y, taps_y, height, width, line)
         row = gradient[y % lines, :width]
@@ -343,9 +364,9 @@ def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
     estimate, direction : (KH, KW) float32
     scale : float
         Root mean square of the differences below which the prior is quadratic, grey levels.
-    local : (KH, KW + 1 + TAIL) float32
+    local : (KH, 1 + KW + BEHIND) float32
         Local strength, 0..1, padded by one in front.
-    prior : (4, KH + 1, ≥ KW + 1 + TAIL) uint16
+    prior : (4, KH + 1, pitch_of(KW)) uint16
         See :func:`look_and_sharpen`.
 
     Notes
@@ -357,12 +378,12 @@ def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
     strips = max(1, (width + STRIP // 2) // STRIP)
     widest = min(width, width // strips + WIDE + 2 * BESIDE)
     # whole vectors: rows of all planes are added up in one go
-    length = (PAD + widest + TAIL + WIDE - 1) // WIDE * WIDE
+    length = whole(PAD + widest + BEHIND)
     rooms = (
-        np.zeros((2, widest), np.float32),
-        np.zeros((3, 4, length), np.float32),
-        np.zeros((3, 4, length), np.float32),
-        np.zeros((4, length), np.float32),
+        make_lines(2, whole(widest)),
+        make_lines(3 * 4, length).reshape(3, 4, length),
+        make_lines(3 * 4, length).reshape(3, 4, length),
+        make_lines(4, length),
     )
     left = 0
     for strip in range(1, strips + 1):
@@ -413,16 +434,16 @@ def _weigh_strip(step, estimate, direction, scale, local, lo, hi, left, right, p
         planes = 1 if y + 1 == height else 4
         _add_rows(all_shares, y, of_row, planes * length, all_sums)
         for number in range(planes):
-            to = number * plane + (y + 1) * pitch + 1 + left
+            to = number * plane + (y + 1) * pitch + LEAD + left
             for x in range(0, wanted, WIDE):
                 round_wide(all_sums, number * length + start + x, weights, to + x)
         if right == estimate.shape[1]:
-            prior[:, y + 1, 1 + right :] = 0
-            prior[0, y + 1, right] = 0
-            prior[3, y + 1, right] = 0
+            prior[:, y + 1, LEAD + right :] = 0
+            prior[0, y + 1, LEAD + right - 1] = 0
+            prior[3, y + 1, LEAD + right - 1] = 0
         if left == 0:
-            prior[:, y + 1, 0] = 0
-            prior[1, y + 1, 1] = 0
+            prior[:, y + 1, :LEAD] = 0
+            prior[1, y + 1, LEAD] = 0
 
 
 @njit(**LEAN)
@@ -472,8 +493,8 @@ def blur_band(image, taps_x, taps_y, lo, hi, out):
     """Write the blurred image into rows ``lo`` to ``hi`` of (KH, KW) float32."""
     width, lines = image.shape[1], 2 * taps_y.size - 1
     _blur_band(
-        image, taps_x, taps_y, lo, hi, out, np.empty((lines, width), np.float32),
-        np.empty(width + 2 * (taps_x.size - 1), np.float32),
+        image, taps_x, taps_y, lo, hi, out, make_lines(lines, whole(width)),
+        make_room(width, taps_x.size - 1),
     )  # fmt: skip
 
 

@@ -17,18 +17,21 @@ reference view itself lie on it. The weighted graph Laplacian P is the edge-pres
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import TypeVar
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from pipeline.reconstruction import descent, kernels, sweeps
-from pipeline.reconstruction.half_pixels import TAIL
+from pipeline.reconstruction.half_pixels import pitch_of
 from pipeline.reconstruction.psf import SeparableTaps
+from pipeline.reconstruction.rows import LINE, whole
 from pipeline.reconstruction.simd import TOGETHER
-from pipeline.reconstruction.sweeps import PAD
+from pipeline.reconstruction.sweeps import BEHIND, PAD
 from pipeline.reconstruction.tables import Table, table_of
 from pipeline.threads import map_threads
 
@@ -53,6 +56,8 @@ DATA_SHARE = 0.04
 HrImage = npt.NDArray[np.float32]
 """(K·H, K·W) float32."""
 
+Number = TypeVar("Number", bound=np.generic)
+
 NOTHING: HrImage = np.empty((0, 0), np.float32)
 
 
@@ -72,6 +77,15 @@ def half_taps(taps: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
     half = taps[taps.size // 2 :]
     half = half[: np.flatnonzero(np.abs(half) >= NEGLIGIBLE * np.abs(half[0]))[-1] + 1]
     return (half / (half[0] + 2 * half[1:].sum())).astype(np.float32)
+
+
+def on_lines(shape: tuple[int, ...], kind: type[Number]) -> npt.NDArray[Number]:
+    """Return an array of whatever its memory held that begins on a line of the cache."""
+    line = 4 * LINE
+    size = math.prod(shape) * np.dtype(kind).itemsize
+    found = np.empty(size + line, np.uint8)
+    first = -found.ctypes.data % line
+    return found[first : first + size].view(kind).reshape(shape)
 
 
 @functools.lru_cache(maxsize=16)
@@ -111,11 +125,11 @@ class NormalEquations:
         self.shape = shape
         self._level = np.float32(level)
         local = np.ones(shape, np.float32) if local is None else local
-        self._local = cv2.copyMakeBorder(local, 0, 0, 1, TAIL, cv2.BORDER_REPLICATE)
+        self._local = cv2.copyMakeBorder(local, 0, 0, 1, BEHIND, cv2.BORDER_REPLICATE)
         self._along, self._sharpening = _halves(taps), _halves(sharpening)
         height, width = shape
         self._origin: HrImage | None = None
-        self._masses = np.empty((height, kernels.LATTICE, width + TAIL), np.uint16)
+        self._masses = on_lines((height, kernels.LATTICE, whole(width)), np.uint16)
         self._masses[:, :, width:] = 0  # what lies behind a row stays zero
         self._units = np.empty(height, np.float32)
         self._rhs = np.empty(shape, np.float32)
@@ -289,13 +303,13 @@ class NormalEquations:
     def _rooms(self) -> list[HrImage]:
         """Return arrays to work in, of whatever they held."""
         if not self._scratch:
-            self._scratch = [np.empty(self.shape, np.float32) for _ in range(5)]
+            self._scratch = [on_lines(self.shape, np.float32) for _ in range(5)]
         return self._scratch
 
     def _room_for_weights(self) -> npt.NDArray[np.uint16]:
         """Return an array for the prior's weights, zero only where none will be written."""
         height, width = self.shape
-        weights = np.empty((4, height + 1, 1 + width + TAIL), np.uint16)
+        weights = on_lines((4, height + 1, pitch_of(width)), np.uint16)
         weights[:, 0] = 0
         weights[1:, height] = 0
         return weights

@@ -52,7 +52,7 @@ def _on_lattice(points: np.ndarray, size: int) -> np.ndarray:
 
 
 def _no_prior(shape=HR_SHAPE) -> np.ndarray:
-    return np.zeros((4, shape[0] + 1, 1 + shape[1] + sweeps.TAIL), np.uint16)
+    return np.zeros((4, shape[0] + 1, sweeps.pitch_of(shape[1])), np.uint16)
 
 
 def _system(
@@ -381,7 +381,7 @@ def test_the_prior_is_the_sum_over_neighbours_of_weighted_squares(shape):
     for row, column in np.ndindex(shape):
         for plane, down, right, factor in NEIGHBOURS:
             k, m = row + down, column + right
-            weight = prior[plane, row + 1, column + 1] / (scale * sweeps.TOP)
+            weight = prior[plane, row + 1, sweeps.LEAD + column] / (scale * sweeps.TOP)
             if k < height and 0 <= m < width:
                 expected += factor * weight * (image[k, m] - image[row, column]) ** 2
             else:
@@ -401,7 +401,7 @@ def test_weights_of_the_prior_follow_the_mean_square_around_in_sixteen_bits(shap
         share = scale**2 / (_mean_around(_squares(at, down, right)) + scale**2)
         there = np.pad(local, 1, mode="edge")
         exact = sweeps.TOP * _mean_around(there * (sweeps.FLOOR + (1 - sweeps.FLOOR) * share))
-        found = prior[plane, 1:, 1 : 1 + width]
+        found = prior[plane, 1:, sweeps.LEAD : sweeps.LEAD + width]
         np.testing.assert_allclose(found[inside], exact[inside], atol=0.6, rtol=1e-5)
         assert not found[~inside].any()
 
@@ -427,7 +427,7 @@ def test_the_prior_smooths_flat_parts_and_lets_edges_be():
     step = np.full((12, 20), 50, np.float32)
     step[:, 10:] = 200
     weights = _weights_at(_system(shape=step.shape), step, 5.0)
-    right, below = weights[0, 1:, 1:], weights[2, 1:, 1:]
+    right, below = weights[0, 1:, sweeps.LEAD :], weights[2, 1:, sweeps.LEAD :]
     assert right[3, 4] == pytest.approx(sweeps.TOP, rel=1e-3)
     assert right[3, 9] < 0.01 * sweeps.TOP
     assert below[3, 9] == pytest.approx(sweeps.TOP, rel=1e-3), "along the edge all is smooth"
@@ -439,7 +439,8 @@ def test_a_noisy_pixel_is_no_edge():
     edge, pixel = (np.full((9, 9), 50, np.float32) for _ in range(2))
     edge[:, 4] = pixel[4, 4] = 80
     of_edge, of_pixel = (
-        float(_weights_at(_system(shape=(9, 9)), image, 5.0)[0, 5, 5]) for image in (edge, pixel)
+        float(_weights_at(_system(shape=(9, 9)), image, 5.0)[0, 5, sweeps.LEAD + 4])
+        for image in (edge, pixel)
     )
     assert of_pixel > 1.5 * of_edge
 
