@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.errors import OutputError
+from pipeline.machine import available_cores
 from pipeline.media.colorimetry import Colorimetry, MasteringDisplay
 from pipeline.media.files import atomic_path, output_error
 from pipeline.media.matroska import ROOM, set_light
@@ -52,7 +53,11 @@ KEYFRAME_INTERVAL = 32
 """Frames from one keyframe to the next at most, for seeking; segments start with one anyway."""
 
 ENCODER_THREADS = 4
-"""Fixed, whatever the machine: the bytes of H.264 and VP9 depend on it."""
+"""Fixed, whatever the machine, but where H.264 has to be quick: its bytes and those of VP9 depend
+on it."""
+
+QP_PER_BIT = 6
+"""Steps of x264's quantiser for one bit of a sample, which its rate factor does without."""
 
 MIN_SLICED_SIZE = 32
 """Height and width from which FFV1 pictures are cut into slices, samples."""
@@ -88,8 +93,9 @@ _ENCODERS: dict[VideoCodec, tuple[str, dict[str, str]]] = {
 """Encoder and its settings, by codec."""
 
 _QUICK = {
-    VideoCodec.H264: {"preset": "ultrafast"}, VideoCodec.HEVC: {"preset": "ultrafast"},
-}  # fmt: skip
+    VideoCodec.H264: {"preset": "ultrafast", "bf": "0"},
+    VideoCodec.HEVC: {"preset": "ultrafast"},
+}
 """What is set otherwise where the encoder has to be quick."""
 
 _EXACT_X264 = (
@@ -98,6 +104,10 @@ _EXACT_X264 = (
 )
 """x264 by fidelity instead of by looks: small coefficients stay, no block is coarser than
 another, and chroma, one code of which is two of red or blue, is finer than luma."""
+
+_QUICK_X264 = "deadzone-inter=12"
+"""What is set otherwise where x264 has to be quick: of what a frame adds to the one before it,
+fewer of the smallest coefficients stay."""
 
 _EXACT_X265 = (
     "aq-mode=0:cutree=0:psy-rd=0:psy-rdoq=0:rdoq-level=0:sao=0:cbqpoffs=-6:crqpoffs=-6"
@@ -334,7 +344,7 @@ class _SegmentEncoder:
         context.height, context.width = picture.shape[:2]
         context.pix_fmt = pixels.name
         context.time_base = 1 / fmt.fps
-        context.thread_count = ENCODER_THREADS
+        context.thread_count = _threads_for(fmt)
         context.thread_type = "AUTO"
         context.sample_aspect_ratio = sample_aspect(fmt)
         _tag_colours(context, pixels, fmt.colorimetry)
@@ -361,6 +371,13 @@ def _scheduling_kept() -> Iterator[None]:
         for thread in (0, *(_threads() - before)):
             with contextlib.suppress(ProcessLookupError):  # ended meanwhile
                 os.sched_setscheduler(thread, policy, parameters)
+
+
+def _threads_for(video_format: VideoFormat) -> int:
+    """Return how many threads encode; where cores are few, those of a quick one only cost time."""
+    if video_format.is_quick and video_format.codec is VideoCodec.H264:
+        return max(1, min(ENCODER_THREADS, available_cores() // 2))
+    return ENCODER_THREADS
 
 
 def _threads() -> set[int]:
@@ -405,7 +422,12 @@ def _quality_options(video_format: VideoFormat, picture: Picture | Yuv420) -> di
         return {"slices": "4" if min(picture.shape[:2]) >= MIN_SLICED_SIZE else "1"}
     if video_format.quality is None:
         return {}
-    return {"g": str(KEYFRAME_INTERVAL), "crf": str(video_format.quality)}
+    interval = {"g": str(KEYFRAME_INTERVAL)}
+    if video_format.is_quick and video_format.codec is VideoCodec.H264:
+        # each frame as fine as the others, so that none is looked at before it is coded
+        beyond = video_format.coded_bits(8 * picture.dtype.itemsize) - 8
+        return interval | {"qp": str(video_format.quality + QP_PER_BIT * beyond)}
+    return interval | {"crf": str(video_format.quality)}
 
 
 def _codec_parameters(video_format: VideoFormat) -> dict[str, str]:
@@ -433,7 +455,7 @@ def _codec_parameters(video_format: VideoFormat) -> dict[str, str]:
         return {"x265-params": ":".join(parameters)}
     if video_format.codec is not VideoCodec.H264:
         return {}
-    parameters = ["b-pyramid=none", _EXACT_X264]
+    parameters = ["b-pyramid=none", _EXACT_X264, *[_QUICK_X264] * video_format.is_quick]
     if video_format.layout.packed:
         parameters.append(f"frame-packing={3 if video_format.layout.side_by_side else 4}")
     if said.mastering is not None:

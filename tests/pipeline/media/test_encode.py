@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
@@ -39,18 +40,31 @@ from tests.support.encoded import (
 from tests.support.waiting import PATIENCE
 
 
-def test_quick_coding_is_as_good(tmp_path):
-    frames = list(moving_eyes(range(5)))
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_quick_coding_is_as_good(tmp_path, dtype):
+    frames = list(moving_eyes(range(5), dtype=dtype))
+    scale = 257 if dtype == np.uint16 else 1
     worst = []
     for is_quick in (False, True):
         video = replace(video_format(), is_quick=is_quick)
         out, _ = write_and_join(tmp_path, f"quick-{is_quick}", video, [frames[:3], frames[3:]])
         errors = [
-            np.abs(picture.astype(float) - np.concatenate(eyes, axis=1)).mean()
+            np.abs(picture / 1.0 - np.concatenate(eyes, axis=1) / scale).mean()
             for picture, eyes in zip(decoded(out, "rgb24"), frames, strict=True)
         ]
         worst.append(max(errors))
     assert worst[1] <= 1.05 * worst[0]
+
+
+def test_quick_coding_holds_no_frame_back(tmp_path):
+    """What is held back would be coded all at once at the end of a segment."""
+    out, _ = write_and_join(
+        tmp_path, "quick", replace(video_format(), is_quick=True), [list(moving_eyes(range(8)))]
+    )
+    with av.open(str(out)) as container:
+        times = [packet.pts for packet in container.demux(video=0) if packet.size]
+    assert times == sorted(times), "none waits for one after it"
+    assert len(times) == 8
 
 
 # Colour
