@@ -20,7 +20,7 @@ from numba import njit
 
 from pipeline.compiled import OPTIONS
 from pipeline.frames import GreyImage, View
-from pipeline.threads import map_threads
+from pipeline.threads import map_threads, shares
 
 BLOCK = 8
 """Side of a block, LR pixels."""
@@ -149,9 +149,14 @@ def _energies(
         stride += 2
     found = np.empty((4, -(-rows // stride), -(-columns // stride)), np.float32)
     # writable, for one compilation
-    _look_at_blocks(
-        np.require(image, np.float32, ["C", "W"]), stride, _COSINES, _CHOOSES, _MEASURES, found
-    )
+    pixels = np.require(image, np.float32, ["C", "W"])
+
+    def look(share: slice) -> None:
+        _look_at_blocks(
+            pixels, stride, _COSINES, _CHOOSES, _MEASURES, share.start, share.stop, found
+        )
+
+    map_threads(look, shares(found.shape[1]))
     found = found.reshape(4, -1)
     found = found[:, np.isfinite(found[0])]
     if found.shape[1] == 0:
@@ -167,8 +172,8 @@ def _energies(
 
 
 @njit(**OPTIONS)
-def _look_at_blocks(image, stride, cosines, chooses, measures, found):
-    """Write of each block the energies that choose and that measure, its least and largest level.
+def _look_at_blocks(image, stride, cosines, chooses, measures, lo, hi, found):
+    """Write of some blocks the energies that choose and that measure, least and largest level.
 
     Parameters
     ----------
@@ -179,16 +184,18 @@ def _look_at_blocks(image, stride, cosines, chooses, measures, found):
         Components along one axis, one a row.
     chooses, measures : (BLOCK, BLOCK) float32
         1 for the components of either kind, by their orders along y and x; else 0.
+    lo, hi : int
+        Rows of blocks, half-open.
     found : (4, rows, columns) float32
-        Of blocks, overwritten; NaN where a pixel is not finite.
+        Of blocks, those overwritten; NaN where a pixel is not finite.
     """
-    rows, columns = found.shape[1], found.shape[2]
+    columns = found.shape[2]
     # a row of blocks at once: what all have in one place lies together
     pixels = np.empty((BLOCK, BLOCK, columns), np.float32)
     halfway = np.empty((BLOCK, BLOCK, columns), np.float32)
     part, total = np.empty(columns, np.float32), np.empty(columns, np.float32)
     first = np.empty(columns, np.float32)
-    for row in range(rows):
+    for row in range(lo, hi):
         coarse, fine, low, high = found[0, row], found[1, row], found[2, row], found[3, row]
         for n in range(columns):
             first[n] = image[row * stride, n * stride]

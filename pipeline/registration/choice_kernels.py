@@ -237,8 +237,8 @@ def _mean(sums, size, count, out):
 
 @njit(**OPTIONS)
 def blend_windows(
-    windows, reach, motion, candidates, owners, best, renewed, move_u, move_v, agreement, position,
-    offset,
+    windows, reach, motion, candidates, owners, best, renewed, move_u, move_v, agreement, lo, hi,
+    position, offset,
 ):  # fmt: skip
     """Write the landing point of each pixel: its patch's motion blended with those that agree.
 
@@ -254,6 +254,8 @@ def blend_windows(
         Patches that take part.
     renewed : (H, W) bool
         Pixels that are written; the others stay.
+    lo, hi : int
+        Rows that are written, half-open.
     move_u, move_v : (H, W) float32
         Displacement of the owners; modified: of the chosen patches.
     position : (H, W, 2) float32
@@ -261,14 +263,14 @@ def blend_windows(
     offset : (H, W) float32
         Written: ζ blended likewise, grey levels.
     """
-    height, width = best.shape
+    width = best.shape[1]
     closeness = np.float32(1 / (agreement * agreement))
     one = np.float32(1.0)
-    total = np.zeros((height, width), np.float32)
-    sum_u = np.zeros((height, width), np.float32)
-    sum_v = np.zeros((height, width), np.float32)
-    zetas = np.zeros((height, width), np.float32)
-    for y in range(height):
+    total = np.zeros((hi - lo, width), np.float32)
+    sum_u = np.zeros((hi - lo, width), np.float32)
+    sum_v = np.zeros((hi - lo, width), np.float32)
+    zetas = np.zeros((hi - lo, width), np.float32)
+    for y in range(lo, hi):
         for x in range(width):
             p = best[y, x]
             if renewed[y, x] and p >= 0 and p != owners[y, x]:
@@ -276,16 +278,17 @@ def blend_windows(
                 move_u[y, x] = au + bu * np.float32(x)
                 move_v[y, x] = av + bv * np.float32(x)
     sums = total, sum_u, sum_v, zetas
-    _gather(windows, reach, motion, candidates, move_u, move_v, closeness, sums)
-    for y in range(height):
+    _gather(windows, reach, motion, candidates, move_u, move_v, closeness, lo, hi, sums)
+    for y in range(lo, hi):
+        row = y - lo
         for x in range(width):
             if not renewed[y, x]:
                 continue
-            if best[y, x] >= 0 and total[y, x] > 0:
-                inverse = one / total[y, x]
-                position[y, x, 0] = np.float32(x) + (move_u[y, x] + sum_u[y, x] * inverse)
-                position[y, x, 1] = np.float32(y) + (move_v[y, x] + sum_v[y, x] * inverse)
-                offset[y, x] = zetas[y, x] * inverse
+            if best[y, x] >= 0 and total[row, x] > 0:
+                inverse = one / total[row, x]
+                position[y, x, 0] = np.float32(x) + (move_u[y, x] + sum_u[row, x] * inverse)
+                position[y, x, 1] = np.float32(y) + (move_v[y, x] + sum_v[row, x] * inverse)
+                offset[y, x] = zetas[row, x] * inverse
             else:
                 position[y, x, 0] = np.nan
                 position[y, x, 1] = np.nan
@@ -293,8 +296,11 @@ def blend_windows(
 
 
 @njit(**LEAN)
-def _gather(windows, reach, motion, candidates, move_u, move_v, closeness, sums):
-    """Add up, for each pixel, the weights of the windows around and what they weigh."""
+def _gather(windows, reach, motion, candidates, move_u, move_v, closeness, lo, hi, sums):
+    """Add up, for each pixel of some rows, the weights of the windows around and what they weigh.
+
+    ``sums`` are of those rows.
+    """
     one = np.float32(1.0)
     zero = np.float32(0.0)
     total, sum_u, sum_v, zetas = sums
@@ -307,8 +313,8 @@ def _gather(windows, reach, motion, candidates, move_u, move_v, closeness, sums)
         inverse_x = np.float32(1 / (0.5 * (x1 - x0) + 0.5))
         reach_y = 0.5 * (y1 - y0) + 0.5
         zeta = np.float32(motion[p, 12])
-        for y in range(reach[p, 1], reach[p, 3]):
-            row = np.uint64(y)
+        for y in range(max(reach[p, 1], lo), min(reach[p, 3], hi)):
+            row, place = np.uint64(y), np.uint64(y - lo)
             fall_y = np.float32(1 - abs(y - yc) / reach_y)
             au, bu, av, bv = row_of_motion(windows, motion, p, np.int64(y))
             for k in range(reach[p, 0], reach[p, 2]):
@@ -319,7 +325,7 @@ def _gather(windows, reach, motion, candidates, move_u, move_v, closeness, sums)
                 near = max(one - (du * du + dv * dv) * closeness, zero)
                 fall = max(fall_y * (one - abs(at - xc) * inverse_x), np.float32(1e-3))
                 w = fall * near * near
-                total[row, x] += w
-                sum_u[row, x] += w * du
-                sum_v[row, x] += w * dv
-                zetas[row, x] += w * zeta
+                total[place, x] += w
+                sum_u[place, x] += w * du
+                sum_v[place, x] += w * dv
+                zetas[place, x] += w * zeta

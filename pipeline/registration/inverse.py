@@ -16,6 +16,7 @@ from pipeline.compiled import EXACT
 from pipeline.frames import Rejection
 from pipeline.registration.records import ViewRegistration
 from pipeline.registration.windows import Landed
+from pipeline.threads import map_threads, shares
 
 UNSEEN = np.uint8(Rejection.NO_MOTION | Rejection.OUTSIDE | Rejection.OCCLUDED | Rejection.DEPTH)
 """Reasons for which a pixel is taken not to show what lies where it lands."""
@@ -47,24 +48,30 @@ def inverted(
     position = np.empty((*onto.shape, 2), np.float32)
     offset = np.empty(onto.shape, np.float32)
     labels = np.empty(onto.shape, np.int32)
-    _spread(
-        lead.registered.position, lead.registered.flags, lead.offset, lead.patch_labels, nearness,
-        onto, UNSEEN, ONE_SURFACE, np.zeros(onto.shape, np.float32),
-        np.empty(onto.shape, np.float32), position, offset, labels,
-    )  # fmt: skip
+    total, nearest = np.zeros(onto.shape, np.float32), np.empty(onto.shape, np.float32)
+
+    def spread(rows: slice) -> None:
+        _spread(
+            lead.registered.position, lead.registered.flags, lead.offset, lead.patch_labels,
+            nearness, onto, UNSEEN, ONE_SURFACE, rows.start, rows.stop, total, nearest, position,
+            offset, labels,
+        )  # fmt: skip
+
+    map_threads(spread, shares(len(onto)))
     return Landed(labels=labels, position=position, offset=offset)
 
 
 @njit(**EXACT)
 def _spread(
-    landed, flags, offset, labels, nearness, onto, unseen, one_surface, total, nearest, position,
-    offsets, out_labels,
+    landed, flags, offset, labels, nearness, onto, unseen, one_surface, lo, hi, total, nearest,
+    position, offsets, out_labels,
 ):  # fmt: skip
     """Write the mean of where the pixels around came from, and of their terms with minus.
 
-    ``total`` (zero) and ``nearest``, of the shape of ``onto``, are scratch.
+    To the rows ``lo`` to ``hi``. ``total`` (zero) and ``nearest``, of the shape of ``onto``, are
+    scratch.
     """
-    height, width = onto.shape
+    width = onto.shape[1]
     one, zero = np.float32(1.0), np.float32(0.0)
     apart = np.float32(one_surface)
     for row in range(landed.shape[0]):
@@ -76,7 +83,7 @@ def _spread(
             u, v = landed[i, j, 0], landed[i, j, 1]
             left, top = int(np.floor(u)), int(np.floor(v))
             here, label, term = nearness[i, j], labels[i, j], offset[i, j]
-            for below in range(max(top, 0), min(top + 2, height)):
+            for below in range(max(top, lo), min(top + 2, hi)):
                 down = np.float32(below) - v
                 # places are not negative, and unsigned numbers need no check that they are
                 y = np.uint64(below)
@@ -112,7 +119,7 @@ def _spread(
                     position[y, x, 1] += weight * py
                     offsets[y, x] -= weight * term
                     nearest[y, x] = min(nearest[y, x], away)
-    for below in range(height):
+    for below in range(lo, hi):
         y = np.uint64(below)
         for beside in range(width):
             x = np.uint64(beside)

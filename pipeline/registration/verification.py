@@ -334,8 +334,10 @@ def verify(
     )  # fmt: skip
     flags, renewed = before or (np.empty(weights.shape, np.uint8), np.ones(weights.shape, bool))
     flags = flags.copy()
-    side = 2 * EDGE_REACH + 1
-    near = cv2.dilate(renewed.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
+    near = renewed
+    if before is not None:
+        side = 2 * EDGE_REACH + 1
+        near = cv2.dilate(renewed.view(np.uint8), np.ones((side, side), np.uint8)).view(np.bool_)
     jumps = jumps_of_motion(position, near)
     beside, squares = within_reach(jumps, EDGE_REACH), mean_squares(weights)
 

@@ -35,6 +35,7 @@ from pipeline.registration.window_fits import (
     take_samples,
     windows_of,
 )
+from pipeline.threads import map_threads, shares
 
 MATCH_WIDTH = 110
 """Sparse matches are searched at the coarsest level at least this wide, pixels."""
@@ -439,7 +440,7 @@ def land(
     """
     fine, onto, patches = source.fine, reference.fine, windows_of(fit.fitted)
     motion, samples = fit.fitted.motion, fit.samples
-    candidates = np.isfinite(motion).all(axis=1)
+    candidates = np.asarray(np.isfinite(motion).all(axis=1))
     shape = fine.image.shape
     reach = patches.windows
     if before is None:
@@ -465,13 +466,38 @@ def land(
     if before is not None:
         sampled = cv2.blur(renewed.astype(np.float32), box, borderType=cv2.BORDER_REFLECT)
         cost /= np.maximum(sampled, np.float32(1e-3))
-    choice_kernels.choose_windows(
-        fine.image, onto.coefficients, fine.nearness, patches.windows, reach, patches.ranges,
-        motion, candidates, renewed, AGREEMENT, radius, mismatch, *samples.planes, best, cost,
-    )  # fmt: skip
+
+    def choose(some: tuple[Mask, npt.NDArray[np.int32], npt.NDArray[np.float32]]) -> None:
+        of, chosen, least = some
+        choice_kernels.choose_windows(
+            fine.image, onto.coefficients, fine.nearness, patches.windows, reach, patches.ranges,
+            motion, of, renewed, AGREEMENT, radius, mismatch, *samples.planes, chosen, least,
+        )  # fmt: skip
+
+    first, *rest = _parts(candidates)
+    others = [(part, best.copy(), cost.copy()) for part in rest]
+    map_threads(choose, [(first, best, cost), *others])
+    for _, chosen, least in others:  # of equals the window before, as where all are one part
+        is_better = least < cost
+        np.copyto(best, chosen, where=is_better)
+        np.copyto(cost, least, where=is_better)
     best[renewed & (cost > NO_CHOICE_COST)] = -1
-    choice_kernels.blend_windows(
-        patches.windows, reach, motion, candidates, patches.owners, best, renewed, samples.move_u,
-        samples.move_v, AGREEMENT, position, offset,
-    )  # fmt: skip
+
+    def blend(rows: slice) -> None:
+        choice_kernels.blend_windows(
+            patches.windows, reach, motion, candidates, patches.owners, best, renewed,
+            samples.move_u, samples.move_v, AGREEMENT, rows.start, rows.stop, position, offset,
+        )  # fmt: skip
+
+    map_threads(blend, shares(shape[0]))
     return Landed(labels=best, position=position, offset=offset)
+
+
+def _parts(candidates: Mask) -> list[Mask]:
+    """Return the candidates in one part for each thread, in their order."""
+    numbers, parts = np.flatnonzero(candidates), []
+    for share in shares(numbers.size):
+        part = np.zeros_like(candidates)
+        part[numbers[share]] = True
+        parts.append(part)
+    return parts

@@ -73,21 +73,21 @@ class BlockMatch:
 
 
 @njit(**EXACT)
-def _may_match(sums, sums_before, y0, x0, y1, x1, u, v, bound):  # type: ignore[no-untyped-def]
-    """Return whether the sums of a block's parts leave it open that it matches.
+def _glance(sums, sums_before, y0, x0, y1, x1, first, last, v, least):  # type: ignore[no-untyped-def]
+    """Write what the sums of a block's parts say of its motions from (first, v) to (last, v).
 
-    The mean of the squares is no smaller than the square of the mean.
+    ``PART``² times as much as it differs by at least: the mean of the squares is no smaller than
+    the square of the mean.
     """
-    least = 0.0
+    for k in range(last - first + 1):
+        least[k] = np.float32(0.0)
     for y in range(y0, y1 - PART + 1, PART):
         for x in range(x0, x1 - PART + 1, PART):
             # within the picture, and unsigned numbers need no check that they are
             here = sums[np.uint64(y), np.uint64(x)]
-            away = here - sums_before[np.uint64(y + v), np.uint64(x + u)]
-            least += away * away
-        if least > PART * PART * bound * SLACK:
-            return False
-    return True
+            for k in range(last - first + 1):
+                away = here - sums_before[np.uint64(y + v), np.uint64(x + first + k)]
+                least[np.uint64(k)] += away * away
 
 
 @njit(**EXACT)
@@ -105,32 +105,41 @@ def _matches(now, before, y0, x0, y1, x1, u, v, bound):  # type: ignore[no-untyp
 
 
 @njit(**EXACT)
-def _match(now, before, sums, sums_before, reach, block, limit, first, motion, matched):  # type: ignore[no-untyped-def]
+def _match(  # type: ignore[no-untyped-def]
+    now, before, sums, sums_before, reach, block, limit, first, most, least, motion, matched
+):
     """Fill the motion (x, y) of blocks and whether it holds; the first motion that does wins.
 
-    Those of every ``GLANCE``-th row, from the ``first``.
+    Those of every ``GLANCE``-th row, from the ``first``; where more than ``most`` of them do not
+    match, the others are left out. ``least``, as long as there are motions along x, is scratch.
     """
     height, width = now.shape
+    unmatched = 0
     for row in range(first, matched.shape[0], GLANCE):
         for column in range(matched.shape[1]):
             y0, x0 = row * block, column * block
             y1, x1 = min(y0 + block, height), min(x0 + block, width)
             bound = limit * (y1 - y0) * (x1 - x0)
-            for dy in range(-reach, reach + 1):
-                for dx in range(-reach, reach + 1):
-                    # the block that stood still is tried first
-                    v = 0 if dy == -reach and dx == -reach else dy
-                    u = 0 if dy == -reach and dx == -reach else dx
-                    if y0 + v < 0 or x0 + u < 0 or y1 + v > height or x1 + u > width:
-                        continue
-                    if _may_match(sums, sums_before, y0, x0, y1, x1, u, v, bound) and _matches(
-                        now, before, y0, x0, y1, x1, u, v, bound
-                    ):
-                        motion[row, column, 0], motion[row, column, 1] = u, v
-                        matched[row, column] = True
-                        break
-                if matched[row, column]:
+            left, right = max(-reach, -x0), min(reach, width - x1)
+            # the block that stood still is tried first
+            found = _matches(now, before, y0, x0, y1, x1, 0, 0, bound)
+            v, u = 0, 0
+            for dy in range(max(-reach, -y0), min(reach, height - y1) + 1):
+                if found:
                     break
+                _glance(sums, sums_before, y0, x0, y1, x1, left, right, dy, least)
+                for dx in range(left, right + 1):
+                    may_match = least[np.uint64(dx - left)] <= PART * PART * bound * SLACK
+                    if may_match and _matches(now, before, y0, x0, y1, x1, dx, dy, bound):
+                        found, v, u = True, dy, dx
+                        break
+            if found:
+                motion[row, column, 0], motion[row, column, 1] = u, v
+                matched[row, column] = True
+                continue
+            unmatched += 1
+            if unmatched > most:
+                return
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -172,13 +181,22 @@ def match_blocks(now: GreyImage, before: GreyImage, noise: float) -> BlockMatch:
     limit = 1.5 * 2 * noise**2 + TOLERATED**2
     middle = min(GLANCE // 2, rows - 1)
     sums, sums_before = (_part_sums(image) for image in (now, before))
-    _match(now, before, sums, sums_before, REACH, BLOCK, limit, middle, motion, matched)
-    whole = _agreeing(now, before, motion, matched, noise)
-    if whole[middle::GLANCE].mean() < CUT / 2:
+    least = np.empty(2 * REACH + 1, np.float32)
+
+    def match(first: int, most: int) -> None:
+        _match(
+            now, before, sums, sums_before, REACH, BLOCK, limit, first, most, least, motion, matched
+        )
+
+    def are_few(some: npt.NDArray[np.bool_]) -> bool:
+        return bool(some[middle::GLANCE].mean() < CUT / 2)
+
+    match(middle, int((1 - CUT / 2) * matched[middle::GLANCE].size))
+    if are_few(matched) or are_few(_agreeing(now, before, motion, matched, noise)):
         return BlockMatch(motion=motion, matched=np.zeros_like(matched))
     for first in range(GLANCE):
         if first != middle:
-            _match(now, before, sums, sums_before, REACH, BLOCK, limit, first, motion, matched)
+            match(first, matched.size)
     return BlockMatch(
         motion=motion, matched=_agreeing(now, before, motion, matched, noise)
     )  # fmt: skip

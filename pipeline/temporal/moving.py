@@ -40,24 +40,26 @@ FEWEST = 8
 
 def has_moved(now: GreyImage, before: GreyImage) -> bool:
     """Return whether two pictures show the same from another place."""
-    share, count = found_again(now, before)
+    share, count = found_again(now, before, FOUND)
     return count >= FEWEST and share >= FOUND
 
 
-def found_again(now: GreyImage, before: GreyImage) -> tuple[float, int]:
+def found_again(now: GreyImage, before: GreyImage, asked: float = np.inf) -> tuple[float, int]:
     """Return the share of the patches of a picture that are found in another, and how many are.
 
     Parameters
     ----------
     now, before : (H, W) float32
         LR pictures of one view; pictures of unequal sizes share nothing.
+    asked : float
+        Once the share has come to this, or no longer can, those left are not looked for.
 
     Returns
     -------
     share : float
         0..1; 0 where there is no patch to look for.
     count : int
-        Patches looked for.
+        Patches looked for, or that would have been.
     """
     if now.shape != before.shape:
         return 0.0, 0
@@ -68,19 +70,24 @@ def found_again(now: GreyImage, before: GreyImage) -> tuple[float, int]:
     )
     means, means_there = _patch_means(picture), _patch_means(other)
     plain = _patch_means(picture * picture) - means**2 < PLAIN**2
-    found = []
-    for y in range(HALF, height - HALF, SPACING):
-        for x in range(HALF, width - HALF, SPACING):
-            if plain[y, x]:
-                continue
-            patch = picture[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1]
-            top, left = max(0, y - HALF - reach_y), max(0, x - HALF - reach_x)
-            around = other[top : y + HALF + 1 + reach_y, left : x + HALF + 1 + reach_x]
-            scores = cv2.matchTemplate(around, patch, cv2.TM_CCOEFF_NORMED)
-            _, score, _, (column, row) = cv2.minMaxLoc(scores)
-            there = means_there[top + row + HALF, left + column + HALF]
-            found.append(score >= ALIKE and abs(means[y, x] - there) <= AS_BRIGHT)
-    return float(np.mean(found)) if found else 0.0, len(found)
+    places = [
+        (y, x)
+        for y in range(HALF, height - HALF, SPACING)
+        for x in range(HALF, width - HALF, SPACING)
+        if not plain[y, x]
+    ]
+    count, found = len(places), 0
+    for number, (y, x) in enumerate(places):
+        if found >= asked * count or found + count - number < asked * count:
+            break
+        patch = picture[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1]
+        top, left = max(0, y - HALF - reach_y), max(0, x - HALF - reach_x)
+        around = other[top : y + HALF + 1 + reach_y, left : x + HALF + 1 + reach_x]
+        scores = cv2.matchTemplate(around, patch, cv2.TM_CCOEFF_NORMED)
+        _, score, _, (column, row) = cv2.minMaxLoc(scores)
+        there = means_there[top + row + HALF, left + column + HALF]
+        found += score >= ALIKE and abs(means[y, x] - there) <= AS_BRIGHT
+    return found / count if count else 0.0, count
 
 
 def _patch_means(image: GreyImage) -> npt.NDArray[np.float64]:

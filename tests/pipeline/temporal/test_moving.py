@@ -17,6 +17,7 @@ from pipeline.superresolve.due import MOVED
 from pipeline.synthetic import SampleScene
 from pipeline.temporal.initial import match_blocks
 from pipeline.temporal.moving import FEWEST, FOUND, found_again, has_moved
+from pipeline.threads import set_threads, thread_count
 from pipeline.worker import Worker
 
 NOISE = 2.0
@@ -158,6 +159,7 @@ def test_something_else_is_not_found_again(wide):
         share, count = found_again(np.ascontiguousarray(other), luma)
         assert share < FOUND / 2
         assert count >= FEWEST or share == 0
+        assert not has_moved(np.ascontiguousarray(other), luma)
 
 
 def test_of_a_plain_picture_nothing_is_said():
@@ -220,6 +222,25 @@ def test_a_rig_seen_from_elsewhere_registers_as_from_scratch(wide):
         trusted = other.registered.flags == 0
         assert np.nanmedian(away[trusted]) < 0.05
         assert np.mean(one.registered.flags == 0) > trusted.mean() - 0.02
+
+
+def test_on_another_number_of_threads_no_bit_of_it_changes(wide):
+    prepared, found = _registered(_panned(wide, 0))
+    previous = Previous(
+        prepared=prepared, registrations=_seen_by_the_panned(found), turn=1, has_moved=True
+    )
+    before, results = thread_count(), []
+    try:
+        for threads in (1, 2, 3):
+            set_threads(threads)
+            results.append(_registered(_panned(wide, 1), previous)[1])
+    finally:
+        set_threads(before)
+    for one, other in (pair for more in results[1:] for pair in _pairs(results[0], more)):
+        for name in ("position", "flags", "observed", "registration_weights"):
+            np.testing.assert_array_equal(
+                getattr(one.registered, name), getattr(other.registered, name)
+            )
 
 
 def test_a_rig_whose_cameras_have_moved_to_one_another_is_registered_from_scratch(wide):
