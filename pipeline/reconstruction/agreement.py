@@ -10,7 +10,7 @@ from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
 from pipeline.reconstruction import kernels
-from pipeline.reconstruction.rows import blur_ring, blur_row
+from pipeline.reconstruction.rows import blur_ring, blur_row, make_lines, make_room, whole
 from pipeline.reconstruction.tables import bytes_at, floats_at
 
 NO_WEIGHT = np.float32(1e38)
@@ -69,8 +69,9 @@ def weigh_views(
         total, count = _excesses(
             predicted, observed, threshold, mark, impossible, largest, low_pass, window, expected,
             tolerated, flags, weights,
-            np.empty((lines, width), np.float32), np.empty((around, width), np.float32),
-            np.empty(width + max(lines, around), np.float32), np.empty(width, np.float32),
+            make_lines(lines, whole(width)), make_lines(around, whole(width)),
+            make_room(width, max(low_pass.size, window.size) - 1),
+            make_lines(1, whole(width))[0, :width],
         )  # fmt: skip
         more = np.float32(doubt * max(total, 0.0) / max(count, 1.0))
         free = 0.0
@@ -115,10 +116,11 @@ def _excesses(
 
 @njit(**LEAN)
 def _bounded(predicted, observed, largest, threshold, mark, flags, out):
+    nothing = np.uint8(0)
     for x in range(out.size):
         error = predicted[x] - observed[x]
-        if abs(error) > threshold:
-            flags[x] |= mark
+        # without a branch, so that many are worked on at once
+        flags[x] |= mark if abs(error) > threshold else nothing
         if error != error:
             error = np.float32(0.0)
         out[x] = min(max(error, -largest), largest)

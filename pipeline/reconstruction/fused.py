@@ -387,7 +387,6 @@ def fuse(
     noise = max(noise, SMALLEST_NOISE)
     taps = sampling_taps(psf, grid)
     shape = grid.hr_shape(lr_shape)
-    points = [landing_points(view, grid) for view in registered]
     strength = prior_strength(noise, psf.sigma, tuning)
     scale = tuning.edge_scale[0] + tuning.edge_scale[1] * noise
     reference = next(index for index, view in enumerate(registered) if view.is_reference)
@@ -422,6 +421,10 @@ def fuse(
 
     is_alone = len(registered) == 1
     steps_alone = tuning.only if is_alone else int(tuning.alone / noise)
+    # those of others are written where they are sampled
+    points = [_room_for_points(view) for view in registered]
+    if is_alone or steps_alone > 0:
+        points[reference] = landing_points(own, grid)
     if steps_alone > 0:
         system.gather([(*points[reference], own.observed, ones)])
         estimate = solve(estimate, steps_alone, most_steps if is_alone else None, None)
@@ -442,15 +445,25 @@ def fuse(
 
         table = table_of(row(index) for index in range(len(registered)))
 
-        def weigh(some: tuple[int, int]) -> None:
-            kernels.sample_views(coefficients, table, *some)
+        positions = [
+            (np.ascontiguousarray(view.position),)
+            for view in registered
+            if not isinstance(view, CutView)
+        ]
+        of_positions, to_hr = table_of(positions), _to_hr(grid)
+
+        def weigh(some: tuple[int, int], *, lands: bool) -> None:
+            if lands:
+                kernels.land_and_sample(coefficients, of_positions, *to_hr, table, *some)
+            else:
+                kernels.sample_views(coefficients, table, *some)
             weigh_by_agreement(
                 table, some, reference, noise, len(registered) - 1, tuning, residual_threshold,
                 agreeing,
             )  # fmt: skip
 
         def weigh_and_correct(some: tuple[int, int]) -> None:
-            weigh(some)
+            weigh(some, lands=bool(positions))
             for index in range(*some) if is_correctable else ():
                 bound, view = tuning.agreeing, registered[index]
                 # what is possible is counted where it may matter
@@ -460,7 +473,7 @@ def fuse(
                     )
                     np.copyto(flags[index], view.flags)
                     table[index] = table_of([row(index)])
-                    weigh((index, index + 1))
+                    weigh((index, index + 1), lands=False)
 
         map_threads(weigh_and_correct, system.shares_of(len(registered)))
         system.gather_table(table, estimate)
@@ -568,10 +581,23 @@ def finished(
     return out
 
 
+def _room_for_points(view: RegisteredView | CutView) -> tuple[HrImage, HrImage]:
+    """Return x and y of landing points, where they are known, or arrays for them."""
+    if isinstance(view, CutView):
+        return view.x, view.y
+    x, y = (np.empty(view.position.shape[:2], np.float32) for _ in range(2))
+    return x, y
+
+
 def _on_hr_grid(position: Positions, grid: Grid) -> tuple[HrImage, HrImage]:
     x, y = (np.empty(position.shape[:2], np.float32) for _ in range(2))
-    kernels.split_points(
-        position, np.float32(grid.magnification_x), np.float32(grid.offset_x),
-        np.float32(grid.magnification_y), np.float32(grid.offset_y), x, y,
-    )  # fmt: skip
+    kernels.split_points(np.ascontiguousarray(position), *_to_hr(grid), 0, len(x), x, y)
     return x, y
+
+
+def _to_hr(grid: Grid) -> tuple[np.float32, ...]:
+    """Return what LR coordinates are multiplied by on the HR grid and what is added, x and y."""
+    return (
+        np.float32(grid.magnification_x), np.float32(grid.offset_x),
+        np.float32(grid.magnification_y), np.float32(grid.offset_y),
+    )  # fmt: skip

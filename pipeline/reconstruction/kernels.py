@@ -12,9 +12,17 @@ from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
 from pipeline.reconstruction.half_pixels import LATTICE
-from pipeline.reconstruction.rows import copy_row, mirror
-from pipeline.reconstruction.simd import LANES, TOGETHER, add_observation, sample_eight
-from pipeline.reconstruction.tables import floats_at
+from pipeline.reconstruction.rows import copy_row, make_lines, mirror
+from pipeline.reconstruction.simd import (
+    LANES,
+    TOGETHER,
+    WIDE,
+    add_observation,
+    place_of,
+    sample_eight,
+    share_wide,
+)
+from pipeline.reconstruction.tables import floats_at, points_at
 
 SMALLEST_WEIGHT = 0.01
 """Observations of no more weight are not worth their time."""
@@ -27,6 +35,9 @@ KEPT = 2
 
 MARGIN = 4
 """Numbers of b kept beside the pixels of a row while it is gathered: one before the first."""
+
+LANDED = 16
+"""LR rows whose points are worked out before there is sampled: they stay in the second cache."""
 
 QUARTERS = 4
 """Parts of a stretch whose observations are added in turn: those beside each other land beside each
@@ -120,8 +131,8 @@ def gather_band(
     values = np.zeros((rows, width + MARGIN), np.float32)
     rooms = (
         np.empty(TOGETHER, np.int32), np.empty(TOGETHER, np.int32),
-        np.zeros(4 * TOGETHER, np.float32), np.zeros(4 * TOGETHER, np.float32),
-        np.empty(4 * TOGETHER, np.float32),
+        make_lines(1, 4 * TOGETHER)[0], make_lines(1, 4 * TOGETHER)[0],
+        make_lines(1, 4 * TOGETHER)[0], make_lines(4, TOGETHER),
     )  # fmt: skip
     done = first
     for lo in range(first - 1, end + 1, tile):
@@ -154,9 +165,15 @@ def _gather(
     values : (rows, KW + MARGIN) float32
         b of these rows.
     rooms
-        What :func:`_weigh_taps` writes.
+        What :func:`simd.share_wide` writes, and a copy of a stretch.
     """
-    to_weights, to_values, along, of_rows, shares = rooms
+    to_weights, to_values, along, of_rows, shares, rest = rooms
+    limits = (
+        np.float32(level), np.float32(SMALLEST_WEIGHT), np.float32(width - 1),
+        np.float32(height - 1), np.float32(max(lo, 0)), np.float32(min(hi, height) - 1),
+        np.float32(lo - 1), np.float32(width + MARGIN), np.float32(2 * (lo - 1)),
+        np.float32(2 * width),
+    )  # fmt: skip
     position_x, position_y = floats_at(observations, number, X), floats_at(observations, number, Y)
     observed = floats_at(observations, number, VALUE)
     weight = floats_at(observations, number, WEIGHT)
@@ -167,84 +184,31 @@ def _gather(
             stretch += 1
             if farthest < lo or nearest >= hi:
                 continue
-            end = min(start + TOGETHER, observed.shape[1])
-            _weigh_taps(
+            size = min(TOGETHER, observed.shape[1] - start)
+            end = start + size
+            x, y, grey, mass = (
                 position_x[row, start:end], position_y[row, start:end], observed[row, start:end],
-                weight[row, start:end], level, lo, hi, height, width, to_weights, to_values, along,
-                of_rows, shares,
+                weight[row, start:end],
             )  # fmt: skip
-            quarter = (end - start + QUARTERS - 1) // QUARTERS
+            if size < TOGETHER:
+                # sixteen at once may go beyond what there is
+                copy_row(x, rest[0])
+                copy_row(y, rest[1])
+                copy_row(grey, rest[2])
+                copy_row(mass, rest[3])
+                x, y, grey, mass = rest[0], rest[1], rest[2], rest[3]
+            for k in range(0, size, WIDE):
+                share_wide(
+                    x, y, grey, mass, k, limits, to_weights, to_values, along, of_rows, shares
+                )  # fmt: skip
+            quarter = (size + QUARTERS - 1) // QUARTERS
             for near in range(quarter):
-                for k in range(near, end - start, quarter):
+                for k in range(near, size, quarter):
                     if to_values[k] >= 0:
                         add_observation(
                             flat, to_weights[k], 2 * width, flat_values, to_values[k],
-                            width + MARGIN, along, of_rows, shares, 4 * k,
+                            width + MARGIN, along, of_rows, shares, place_of(k),
                         )  # fmt: skip
-
-
-@njit(**LEAN)
-def _weigh_taps(
-    position_x, position_y, observed, weight, level, lo, hi, height, width, to_weights, to_values,
-    along, of_rows, shares,
-):  # fmt: skip
-    """Write where observations are added and what; see :func:`gather_band`.
-
-    Without a branch, and what is read or written lies at known distances, so that many are
-    worked on at once.
-
-    Parameters
-    ----------
-    position_x, position_y, observed, weight : (≤ TOGETHER,) float32
-    to_weights, to_values : (TOGETHER,) int32
-        The first of the weights and of b, negative where the observation is left out.
-    along, of_rows, shares : (4 · TOGETHER,) float32
-        What :func:`simd.add_observation` takes.
-    """
-    half, one, two, nothing = (np.float32(0.5), np.float32(1.0), np.float32(2.0), np.float32(0.0))
-    smallest = np.float32(SMALLEST_WEIGHT)
-    right, under = np.float32(width - 1), np.float32(height - 1)
-    top, bottom = np.float32(max(lo, 0)), np.float32(min(hi, height) - 1)
-    above, size, line = np.int32(lo - 1), np.int32(2 * width), np.int32(width + MARGIN)
-    for k in range(weight.size):
-        w, px, py = weight[k], position_x[k], position_y[k]
-        fx, fy = np.floor(px + half), np.floor(py + half)
-        is_in = (w > smallest) & (fx >= nothing) & (fx <= right) & (fy >= top) & (fy <= bottom)
-        px, py = px if is_in else nothing, py if is_in else top
-        fx, fy = fx if is_in else nothing, fy if is_in else top
-        x0, x1, x2 = _spline(px - fx)
-        y0, y1, y2 = _spline(py - fy)
-        # at the very border taps fold onto the image: reflection about the edge
-        x1 = x1 + x0 if fx == nothing else x1
-        x0 = nothing if fx == nothing else x0
-        x1 = x1 + x2 if fx == right else x1
-        x2 = nothing if fx == right else x2
-        y1 = y1 + y0 if fy == nothing else y1
-        y0 = nothing if fy == nothing else y0
-        y1 = y1 + y2 if fy == under else y1
-        y2 = nothing if fy == under else y2
-        value = w * (observed[k] - level)
-        along[4 * k] = x0
-        along[4 * k + 1] = x1
-        along[4 * k + 2] = x2
-        along[4 * k + 3] = nothing
-        of_rows[4 * k] = value * y0
-        of_rows[4 * k + 1] = value * y1
-        of_rows[4 * k + 2] = value * y2
-        of_rows[4 * k + 3] = nothing
-        first = (np.int32(fy) - np.int32(1) - above) * line + np.int32(fx)
-        to_values[k] = first if is_in else np.int32(-1)
-        # beyond the outermost pixels lies what they are
-        u = two * min(max(px, nothing), right)
-        v = two * min(max(py, nothing), under)
-        fu, fv = np.floor(u), np.floor(v)
-        u, v = u - fu, v - fv
-        upper, lower = w * (one - v), w * v
-        shares[4 * k] = upper * (one - u)
-        shares[4 * k + 1] = upper * u
-        shares[4 * k + 2] = lower * (one - u)
-        shares[4 * k + 3] = lower * u
-        to_weights[k] = (np.int32(fv) - np.int32(2) * above) * size + np.int32(fu)
 
 
 @njit(**OPTIONS)
@@ -379,13 +343,38 @@ def square_steps(image, out):
                 line[x] += (below[x] - own[x]) * (below[x] - own[x])
 
 
+@njit(**LEAN)
+def split_points(position, magnification_x, offset_x, magnification_y, offset_y, lo, hi, x, y):
+    """Write the HR coordinates of LR points (H, W, 2), (H, W) each, into rows ``lo`` to ``hi``."""
+    for row in range(lo, hi):
+        # flat, so that several are worked on at once
+        points, along, down = position[row].reshape(-1), x[row], y[row]
+        for column in range(along.size):
+            along[column] = points[2 * column] * magnification_x + offset_x
+            down[column] = points[2 * column + 1] * magnification_y + offset_y
+
+
 @njit(**OPTIONS)
-def split_points(position, magnification_x, offset_x, magnification_y, offset_y, x, y):
-    """Write the HR coordinates of LR points (H, W, 2), (H, W) each."""
-    for row in range(x.shape[0]):
-        for column in range(x.shape[1]):
-            x[row, column] = position[row, column, 0] * magnification_x + offset_x
-            y[row, column] = position[row, column, 1] * magnification_y + offset_y
+def land_and_sample(
+    coefficients, positions, magnification_x, offset_x, magnification_y, offset_y, observations,
+    lo, hi,
+):  # fmt: skip
+    """Write where observations land, and do what :func:`sample_views` does, rows by rows.
+
+    Parameters
+    ----------
+    positions : Table
+        Of their points on the LR grid.
+    """
+    for number in range(lo, hi):
+        points, out = points_at(positions, number, 0), floats_at(observations, number, VALUE)
+        x, y = floats_at(observations, number, X), floats_at(observations, number, Y)
+        for top in range(0, out.shape[0], LANDED):
+            bottom = min(top + LANDED, out.shape[0])
+            split_points(
+                points, magnification_x, offset_x, magnification_y, offset_y, top, bottom, x, y
+            )
+            sample_spline(coefficients, x, y, top, bottom, out)
 
 
 @njit(**OPTIONS)

@@ -9,9 +9,11 @@ that eight elements from the last pixel of a row lie within them.
 from __future__ import annotations
 
 from llvmlite import ir
-from numba import types
+from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
+
+from pipeline.compiled import INLINED
 
 LANES = 8
 """Pixels worked on together."""
@@ -86,6 +88,135 @@ class _Vectors:
 def _data(context, builder, signature, arguments, number: int):
     """Return the address of the first element of an array argument."""
     return context.make_array(signature.args[number])(context, builder, arguments[number]).data
+
+
+@intrinsic
+def share_wide(
+    typing_context, position_x, position_y, observed, weight, at, limits, to_weights, to_values,
+    along, of_rows, shares,
+):  # fmt: skip
+    """Write where sixteen observations are added and what, as :func:`add_observation` takes it.
+
+    What belongs to number k of them, four numbers, begins at :func:`place_of` it.
+
+    Parameters
+    ----------
+    position_x, position_y, observed, weight : float32 array
+        Landing points, HR pixels; grey levels.
+    at : intp
+        Of the first of them, in these and in the places.
+    limits : tuple of float32
+        Level that is taken off what is observed; weight up to which one is left out; last column
+        and last row of the image; first and last row on which observations are to land; row before
+        the first one of the values, and their pitch; twice that row before, and the pitch of the
+        weights.
+    to_weights, to_values : int32 array
+        Of the first weight and the first value; the latter negative where one is left out.
+    along, of_rows, shares : float32 array
+    """
+    signature = types.void(
+        *(position_x, position_y, observed, weight, types.intp, limits, to_weights, to_values),
+        along, of_rows, shares,
+    )  # fmt: skip
+
+    def generate(context, builder, signature, arguments):
+        wide = _Vectors(builder, WIDE)
+        across, down, grey, mass, to_first, to_second, *rooms = (
+            _data(context, builder, signature, arguments, n) for n in (0, 1, 2, 3, 6, 7, 8, 9, 10)
+        )
+        at = arguments[4]
+        level, smallest, right, under, top, bottom, above, line, twice_above, pitch = (
+            wide.spread(builder.extract_value(arguments[5], n)) for n in range(10)
+        )
+        zeros, ones, halves = wide.zeros, wide.ones, wide.halves
+        floor = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(wide.floats, [wide.floats]), f"llvm.floor.v{WIDE}f32"
+        )
+
+        def floored(values):
+            return builder.call(floor, [values])
+
+        def spline(offset):
+            """Return the taps around the nearest pixel."""
+            less, more = wide.subtract(halves, offset), wide.add(halves, offset)
+            middle = wide.subtract(wide.constant(0.75), wide.times(offset, offset))
+            return (
+                wide.times(halves, wide.times(less, less)),
+                middle,
+                wide.times(halves, wide.times(more, more)),
+            )
+
+        def folded(taps, nearest, last):
+            """Let taps beyond the border fold onto the image: reflection about the edge."""
+            before, own, behind = taps
+            for end, of_before in ((zeros, True), (last, False)):
+                at_end = builder.fcmp_ordered("==", nearest, end)
+                beyond = before if of_before else behind
+                own = wide.add(own, builder.select(at_end, beyond, zeros))
+                kept = builder.select(at_end, zeros, beyond)
+                before, behind = (kept, behind) if of_before else (before, kept)
+            return before, own, behind
+
+        def between(value, last):
+            """Return a coordinate on the half-pixel lattice, and what lies before it there."""
+            least = builder.select(builder.fcmp_ordered(">", value, zeros), value, zeros)
+            most = builder.select(builder.fcmp_ordered("<", least, last), least, last)
+            twice = wide.add(most, most)
+            whole = floored(twice)
+            return whole, wide.subtract(twice, whole)
+
+        weights, x, y = (wide.load(data, at) for data in (mass, across, down))
+        nearest_x, nearest_y = (floored(wide.add(value, halves)) for value in (x, y))
+        is_in = builder.fcmp_ordered(">", weights, smallest)
+        for sign, value, bound in (
+            (">=", nearest_x, zeros), ("<=", nearest_x, right), (">=", nearest_y, top),
+            ("<=", nearest_y, bottom),
+        ):  # fmt: skip
+            is_in = builder.and_(is_in, builder.fcmp_ordered(sign, value, bound))
+        x, nearest_x = (builder.select(is_in, value, zeros) for value in (x, nearest_x))
+        y, nearest_y = (builder.select(is_in, value, top) for value in (y, nearest_y))
+        taps_x = folded(spline(wide.subtract(x, nearest_x)), nearest_x, right)
+        taps_y = folded(spline(wide.subtract(y, nearest_y)), nearest_y, under)
+        value = wide.times(weights, wide.subtract(wide.load(grey, at), level))
+        rows = wide.subtract(wide.subtract(nearest_y, ones), above)
+        # exact: what is kept of rows at once has far fewer numbers than 2 ** 24
+        place = builder.fptosi(wide.add(wide.times(rows, line), nearest_x), wide.words)
+        place = builder.select(is_in, place, ir.Constant(wide.words, [-1] * WIDE))
+        builder.store(place, wide.place(to_second, at, kind=wide.words), align=4)
+        # beyond the outermost pixels lies what they are
+        column, u = between(x, right)
+        row, v = between(y, under)
+        rows = wide.times(wide.subtract(row, twice_above), pitch)
+        place = builder.fptosi(wide.add(rows, column), wide.words)
+        builder.store(place, wide.place(to_first, at, kind=wide.words), align=4)
+        upper, lower = wide.times(weights, wide.subtract(ones, v)), wide.times(weights, v)
+        left = wide.subtract(ones, u)
+        quadruples = (
+            (*taps_x, zeros),
+            (*(wide.times(value, tap) for tap in taps_y), zeros),
+            tuple(wide.times(row, column) for row in (upper, lower) for column in (left, u)),
+        )
+        to = builder.mul(at, ir.Constant(at.type, 4))
+        # four by four they are turned round: first pairs, then pairs of pairs
+        for room, (first, second, third, fourth) in zip(rooms, quadruples, strict=True):
+            for half in (0, 2):
+                turned = [n + lane for n in (half, half + 1) for lane in (0, WIDE)]
+                lanes = [four + lane for four in range(0, WIDE, 4) for lane in turned]
+                pairs = [wide.choose(first, second, lanes), wide.choose(third, fourth, lanes)]
+                for n in (0, 2):
+                    turned = [n, n + 1, n + WIDE, n + 1 + WIDE]
+                    lanes = [four + lane for four in range(0, WIDE, 4) for lane in turned]
+                    found = wide.choose(pairs[0], pairs[1], lanes)
+                    wide.store(found, room, to, WIDE * (half + n // 2))
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@njit(**INLINED)
+def place_of(k):
+    """Return where what :func:`share_wide` writes of observation k begins."""
+    return k // WIDE * (4 * WIDE) + k % 4 * WIDE + k % WIDE // 4 * 4
 
 
 @intrinsic
