@@ -138,9 +138,7 @@ def map_threads(
 
     def take() -> None:
         """Work on items, one after another, as long as there are any."""
-        before = getattr(_state, "stop", None)
-        _state.inside, _state.stop = True, stop
-        try:
+        with _inside(stop):
             while waiting:
                 try:
                     number, item = waiting.popleft()
@@ -152,8 +150,6 @@ def map_threads(
                 except BaseException as failure:
                     failures[number] = failure
                     waiting.clear()
-        finally:
-            _state.inside, _state.stop = False, before
 
     # this thread works, too: one thread less to wake, and none to wait for where it takes all
     takers = [thread_pool().submit(take) for _ in range(limit - 1)]
@@ -167,6 +163,44 @@ def map_threads(
     if failures:
         raise failures[min(failures)]
     return [results[number] for number in range(len(work))]
+
+
+def begin(function: Callable[[], Result]) -> Callable[[], Result]:
+    """Begin what is wanted later, where a thread has nothing else to do; return what gives it.
+
+    To be asked once. Who asks before it was begun does it himself, as where there is one thread.
+
+    Parameters
+    ----------
+    function : callable
+        As for :func:`map_threads`; its failure is raised where it is asked for.
+    """
+    if thread_count() == 1 or getattr(_state, "inside", False):
+        return function
+    stop = getattr(_state, "stop", None)
+
+    def work() -> Result:
+        with _inside(stop):
+            _check_stop()
+            return function()
+
+    begun = thread_pool().submit(work)
+
+    def result() -> Result:
+        return function() if begun.cancel() else begun.result()
+
+    return result
+
+
+@contextmanager
+def _inside(stop: Callable[[], bool] | None) -> Iterator[None]:
+    """Let this thread work for another one: nothing in it is split, and it stops as that does."""
+    before = getattr(_state, "stop", None)
+    _state.inside, _state.stop = True, stop
+    try:
+        yield
+    finally:
+        _state.inside, _state.stop = False, before
 
 
 def shares(size: int) -> list[slice]:

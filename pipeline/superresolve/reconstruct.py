@@ -153,7 +153,7 @@ def _reconstruct(
             residual_threshold=residual_threshold, most_steps=frame.effort.steps, stop=stop,
         )  # fmt: skip
     else:
-        solved = _solve(frame, registered, start, learned, residual_threshold, stop)
+        solved = _solve(frame, target, registered, start, learned, residual_threshold, stop)
     if stop is not None and stop():
         raise Interrupted
     luma = finished(solved, learned, shown)
@@ -258,6 +258,7 @@ def _of_views(solved: Solved, registered: Sequence[RegisteredView]) -> Solved:
 
 def _solve(
     frame: RegisteredFrame,
+    target: str,
     registered: Sequence[RegisteredView],
     start: GreyImage | None,
     learned: LearnedFilters | None,
@@ -268,10 +269,13 @@ def _solve(
     settings, steps = frame.settings, frame.effort.steps
     if settings.solver != Solver.FUSED:
         return _solve_by_pocs(frame, registered, start, residual_threshold, stop)
+    tuning = tuning_of(frame, len(registered), start)
+    if start is None and target in frame.alone:
+        start = frame.alone[target]()
     return fuse(
         registered, settings.grid, frame.frame.lr_shape, frame.psf, noise=frame.noise,
-        residual_threshold=residual_threshold, stop=stop, start=start,
-        tuning=tuning_of(frame, len(registered), start), learned=learned, most_steps=steps,
+        residual_threshold=residual_threshold, stop=stop, start=start, tuning=tuning,
+        learned=learned, most_steps=steps,
     )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from pipeline.config import Settings
 from pipeline.effort import Effort
 from pipeline.frames import MultiViewFrame
 from pipeline.reconstruction.psf import Psf
+from pipeline.reconstruction.system import HrImage
 from pipeline.registration.register import ViewRegistration
 from pipeline.temporal.initial import BlockMatch
 from pipeline.temporal.still import Still
@@ -46,6 +47,8 @@ class RegisteredFrame:
     effort: Effort
     turn: int
     """Frames since the chain began."""
+    alone: Mapping[str, Callable[[], HrImage]]
+    """By target, what gives it made of itself alone, once: where that was begun beside."""
     layers: Mapping[str, npt.NDArray[np.int32]] | None
     """Depth layers by view id, where pictures of them are wanted."""
     timings: Mapping[str, float]

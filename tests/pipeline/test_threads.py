@@ -19,6 +19,7 @@ from pipeline.machine import available_cores
 from pipeline.superresolve import superresolve
 from pipeline.synthetic import SampleScene
 from pipeline.threads import (
+    begin,
     map_threads,
     set_threads,
     stoppable,
@@ -101,6 +102,58 @@ def test_the_first_failure_is_raised():
     with pytest.raises(ValueError, match="item 3"):
         map_threads(fail, range(6))
     assert map_threads(fail, range(3)) == [0, 1, 2]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_is_begun_is_given_where_it_is_asked_for_and_so_is_its_failure(threads):
+    set_threads(threads)
+
+    def fail():
+        raise ValueError("begun in vain")
+
+    wanted, failing = begin(lambda: map_threads(lambda n: n * n, range(5))), begin(fail)
+    assert map_threads(lambda n: -n, range(3)) == [0, -1, -2]
+    assert wanted() == [0, 1, 4, 9, 16]
+    with pytest.raises(ValueError, match="begun in vain"):
+        failing()
+
+
+def test_what_no_thread_has_begun_is_done_by_who_asks_for_it():
+    set_threads(2)
+    has_begun, may_end, names = threading.Event(), threading.Event(), []
+
+    def wait():
+        has_begun.set()
+        assert may_end.wait(PATIENCE)
+
+    busy = begin(wait)
+    assert has_begun.wait(PATIENCE)
+    wanted = begin(lambda: names.append(threading.current_thread().name))
+    assert map_threads(lambda n: n, range(4)) == [0, 1, 2, 3], "without the thread that is busy"
+    wanted()
+    may_end.set()
+    busy()
+    assert names == [threading.current_thread().name]
+
+
+def test_what_is_begun_and_no_longer_wanted_is_not_done():
+    set_threads(2)
+    has_begun, may_end, done = threading.Event(), threading.Event(), []
+
+    def wait():
+        has_begun.set()
+        assert may_end.wait(PATIENCE)
+
+    with stoppable(may_end.is_set):
+        busy = begin(wait)
+        assert has_begun.wait(PATIENCE)
+        wanted = begin(lambda: done.append(True))
+        may_end.set()
+        busy()
+        # by one thread or the other
+        with pytest.raises(Interrupted):
+            map_threads(lambda _: wanted(), [0])
+    assert not done
 
 
 def test_a_limit_below_the_pool_is_kept():
