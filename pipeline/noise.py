@@ -158,7 +158,9 @@ def _energies(
 
     map_threads(look, shares(found.shape[1]))
     found = found.reshape(4, -1)
-    found = found[:, np.isfinite(found[0])]
+    is_finite = np.isfinite(found[0])
+    if not is_finite.all():
+        found = found[:, is_finite]
     if found.shape[1] == 0:
         return found[0], found[1]
     coarse, fine, low, high = found

@@ -146,6 +146,12 @@ def _onto_itself(source: PreparedView) -> ViewRegistration:
     )
 
 
+def seen_again(before: ViewRegistration, source: PreparedView) -> ViewRegistration:
+    """Return a view registered onto itself, as in the previous frame, with the pixels of this."""
+    registered = replace(before.registered, observed=source.view.luma)
+    return replace(before, registered=registered, missed=None)
+
+
 def _renewed(
     source: PreparedView,
     reference: PreparedView,

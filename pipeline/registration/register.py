@@ -23,6 +23,7 @@ from pipeline.registration.pair import (
     inverse_view,
     landed_view,
     register_view,
+    seen_again,
 )
 from pipeline.registration.prepare import PreparedView, prepare
 from pipeline.registration.records import Previous, Terms, Thresholds, ViewRegistration
@@ -229,8 +230,9 @@ def _register_moved(
 
     def again(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
-        found = None if target == source else kept(task)
-        return found or register_view(prepared[source], prepared[target], terms)
+        if target == source:
+            return seen_again(old[task], prepared[source])
+        return kept(task) or register_view(prepared[source], prepared[target], terms)
 
     tasks = [(target, source) for target in targets for source in sources]
     inverses = {

@@ -31,12 +31,14 @@ and what of the reference alone has not been found yet passes for disagreement o
 
 MOVED = FusedTuning(
     together=6, hold=4.2, prior_strength=0.14, prior_noise_powers=(1.75, 1.75),
-    prior_psf_powers=(-1.0, -1.35), data_share=0.015, nearly=1.0, stretch=4.0, corrections=1,
+    prior_psf_powers=(-1.0, -1.35), data_share=0.015, nearly=1.0, stretch=4.0, agreeing=0.65,
+    corrections=1,
 )  # fmt: skip
 """Work from a cold start where the camera has moved, of two views and at σ_psf 1: few steps smooth
 by themselves, and leave less to the prior, which at noise 2 is weighed anew in every second one;
 with so few observations they may go farther. What is left to do after so few steps lies where the
-last one goes, which is not asked how far. More views need no more steps as it is."""
+last one goes, which is not asked how far. Landing points are corrected where views agree less than
+is enough for a cold start to be worth it. More views need no more steps as it is."""
 
 MOVED_FROM = 1.0
 """Noise from which so few steps are enough: with less of it there is more to find, grey levels."""
