@@ -15,6 +15,7 @@ from pipeline.effort import Effort
 from pipeline.frames import MultiViewFrame, Place, View
 from pipeline.media.coded import coded
 from pipeline.media.ycbcr import YcbcrMatrix
+from pipeline.media.yuv import Range, parse_pixel_format, picture_from_planes
 from pipeline.registration.again import AGAIN
 from pipeline.registration.inverse import inverted
 from pipeline.registration.register import prepare_views, register_view
@@ -68,7 +69,8 @@ def compile_kernels(on_step: Callable[[str], None] = lambda _: None) -> int:
     view = frame.view(frame.left)
     assert view.chroma is not None  # it was asked for
     for colour in (view.chroma, np.ascontiguousarray(view.chroma[::2, ::2])):
-        coded(view.luma, colour, YcbcrMatrix.BT709)
+        planes = coded(view.luma, colour, YcbcrMatrix.BT709).planes
+    picture_from_planes(planes, parse_pixel_format("yuv420p"), YcbcrMatrix.BT601, Range.LIMITED)
     return len(kinds) + 5
 
 

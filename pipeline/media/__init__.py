@@ -3,8 +3,9 @@
 * what lies on disk: :mod:`scene`, recognised by :mod:`layouts`: a :mod:`manifest`, :mod:`datasets`,
   :mod:`stereo_video`, :mod:`eye_files`; :mod:`info` and :mod:`probe` say what was understood of it;
 * its frames: :mod:`source`, :mod:`scene_source`, with :mod:`readers` over :mod:`decode`
-  (:mod:`decoded`), :mod:`images` and :mod:`yuv`; nearness by :mod:`depth_maps`, missing depth by
-  :mod:`depth_estimation`, :mod:`stereo_matching` and :mod:`rectification`;
+  (:mod:`decoded`), :mod:`images` and :mod:`yuv` (:mod:`chroma_kernels`); nearness by
+  :mod:`depth_maps`, missing depth by :mod:`depth_estimation`, :mod:`stereo_matching` and
+  :mod:`rectification`;
 * what is written: :mod:`media_sink` with :mod:`encode`, :mod:`join`, :mod:`png`, :mod:`sound`,
   :mod:`matroska`, :mod:`isobmff`, :mod:`timecode`, :mod:`files`; kinds of video are
   :mod:`video_format`; :mod:`lossless` clips for browsers;

@@ -137,7 +137,10 @@ def picture_from_planes(
     if matrix is YcbcrMatrix.BT601:
         luma = _levels_of(planes[0], scale[0], offsets[0])
         chroma = None
-        if with_chroma:
+        is_halved = layout.chroma_shift_x and layout.chroma_shift_y
+        if with_chroma and is_halved and layout.bits == 8:
+            chroma = _doubled(planes[1:], luma.shape, scale[1], offsets[1])
+        elif with_chroma:
             chroma = _upsampled(interleaved(planes[1:]), layout, luma.shape)
             chroma = combined([chroma], [scale[1]], offsets[1])
         return Picture(luma=luma, chroma=chroma)
@@ -167,6 +170,25 @@ def _levels_of(plane: npt.NDArray, scale: float, offset: float) -> npt.NDArray[n
 def _table_of_levels(scale: float, offset: float) -> npt.NDArray[np.float32]:
     """Return what :func:`_levels_of` makes of each value of 8 bits."""
     return _levels_of(np.arange(256, dtype=np.uint16), scale, offset)
+
+
+def _doubled(
+    planes: tuple[npt.NDArray, ...], shape: tuple[int, ...], scale: float, offset: float
+) -> npt.NDArray[np.float32]:
+    """Return what :func:`_upsampled` makes of 4:2:0 of 8 bits, times ``scale`` plus ``offset``."""
+    from pipeline.media.chroma_kernels import write_doubled  # numba, which a service need not load
+
+    chroma = np.empty((*shape, 2), np.float32)
+    # the decoder's memory may have rows of any length
+    write_doubled(*map(np.array, planes), _table_of_eighths(scale, offset), chroma)
+    return chroma
+
+
+@functools.lru_cache(maxsize=8)
+def _table_of_eighths(scale: float, offset: float) -> npt.NDArray[np.float32]:
+    """Return n / 8 times ``scale`` plus ``offset``, as OpenCV makes it of whole pictures."""
+    eighths = np.arange(8 * 256, dtype=np.float32)[np.newaxis] / 8
+    return combined([eighths], [scale], offset)[0]
 
 
 _BETWEEN = np.array([[0, 0.5, 0.5]], np.float32)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from pipeline.colour import interleaved
 from pipeline.frames import ChromaImage
@@ -42,7 +43,7 @@ class EnlargedColour:
             return None
         if len(taps.along_x) == len(taps.along_y) == 1:  # no larger than the view
             made = cv2.sepFilter2D(
-                self.chroma, cv2.CV_32F, taps.along_x[0], taps.along_y[0],
+                self.chroma, cv2.CV_32F, _at_work(taps.along_x[0]), _at_work(taps.along_y[0]),
                 borderType=cv2.BORDER_REPLICATE,
             )  # fmt: skip
             return np.asarray(made, np.float32).reshape(self.chroma.shape)
@@ -51,3 +52,11 @@ class EnlargedColour:
     def _filtered(self, taps: Restoration, grid: Grid) -> ChromaImage:
         planes = (np.ascontiguousarray(self.chroma[..., plane]) for plane in range(2))
         return interleaved([filtered(plane, taps, grid) for plane in planes])
+
+
+def _at_work(taps: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return taps without those at both ends that are zero, which OpenCV would multiply by."""
+    idle = 0
+    while 2 * idle + 1 < len(taps) and not taps[idle] and not taps[-1 - idle]:
+        idle += 1
+    return taps[idle : len(taps) - idle]

@@ -93,6 +93,22 @@ def test_chroma_sits_on_even_columns_and_between_rows():
     np.testing.assert_allclose(stored[1:-1, :-1], expected[1:-1, :-1], atol=1.0)
 
 
+@given(st.integers(1, 19), st.integers(1, 19), st.integers(0, 2**32 - 1))
+def test_samples_of_8_bits_show_what_the_same_ones_of_10_show(width, height, seed):
+    eight, ten = parse_pixel_format("yuv420p"), parse_pixel_format("yuv420p10le")
+    rng = np.random.default_rng(seed)
+    planes = [rng.integers(0, 256, shape) for shape in eight.plane_shapes(width, height)]
+    shown = [
+        picture_from_planes(
+            tuple((plane << (layout.bits - 8)).astype(layout.dtype) for plane in planes),
+            layout, YcbcrMatrix.BT601, Range.LIMITED,
+        )
+        for layout in (eight, ten)
+    ]  # fmt: skip
+    np.testing.assert_allclose(shown[0].luma, shown[1].luma, atol=1e-4)
+    np.testing.assert_allclose(shown[0].chroma, shown[1].chroma, atol=1e-4)
+
+
 def test_frames_are_found_at_random_and_limited_grey_is_stretched(tmp_path):
     frames = np.random.default_rng(0).integers(64, 940, (4, 3, 5)).astype("<u2")
     (tmp_path / "a.yuv").write_bytes(frames.tobytes())
