@@ -94,18 +94,34 @@ class PreparedView:
     @functools.cached_property
     def levels(self) -> tuple[Level, ...]:
         """The pyramid, finest first, made where it is asked for."""
-        found = [self.fine]
-        image = np.ascontiguousarray(self.view.luma)
-        while len(found) < self.num_levels and min(image.shape) >= SMALLEST:
-            image = cv2.pyrDown(image)
-            nearness = np.ascontiguousarray(found[-1].nearness[::2, ::2])
-            found.append(_level(image, nearness, self.smoothing))
+        found, made = [self.fine], self._half
+        while made is not None:
+            found.append(made[1])
+            made = self._halved(*made) if len(found) < self.num_levels else None
         return tuple(found)
+
+    @functools.cached_property
+    def _half(self) -> tuple[npt.NDArray[np.float32], Level] | None:
+        """The luma at half its size, and its level, made where it is asked for, as above."""
+        luma = np.ascontiguousarray(self.view.luma)
+        return self._halved(luma, self.fine) if self.num_levels > 1 else None
+
+    def _halved(
+        self, image: npt.NDArray[np.float32], level: Level
+    ) -> tuple[npt.NDArray[np.float32], Level] | None:
+        """Return a picture at half its size, and its level; None where it is too small."""
+        if min(image.shape) < SMALLEST:
+            return None
+        image = cv2.pyrDown(image)
+        nearness = np.ascontiguousarray(level.nearness[::2, ::2])
+        return image, _level(image, nearness, self.smoothing)
 
     def level(self, number: int) -> Level | None:
         """Return a level, 0 being the finest; None where the picture is too small for it."""
         if number == 0:
             return self.fine
+        if number == 1:
+            return None if self._half is None else self._half[1]
         return self.levels[number] if number < len(self.levels) else None
 
 

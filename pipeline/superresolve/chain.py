@@ -88,7 +88,7 @@ def continued(
         memory.forget()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
     is_small = has_few_tiles(frame.lr_shape)
-    drifts = memory.seen.drifts(frame, targets, noise)
+    drifts = memory.seen.drifts(frame, targets, noise, is_asked=is_small or not has_moved)
     if not has_moved:
         drifts = (
             drifts

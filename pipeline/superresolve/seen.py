@@ -97,10 +97,13 @@ class Seen:
         found = [self._noise[name] for name in view_ids if name in self._noise]
         return float(np.median(found)) if len(found) == len(view_ids) else None
 
-    def drifts(self, frame: MultiViewFrame, targets: Sequence[str], noise: float) -> bool:
-        """Return whether a target goes on changing all over; to be asked of each frame once.
+    def drifts(
+        self, frame: MultiViewFrame, targets: Sequence[str], noise: float, *, is_asked: bool = True
+    ) -> bool:
+        """Return whether a target goes on changing all over; to be called for each frame once.
 
         Frames that follow one another tell; of others, changes in unlike times would be compared.
+        What is not asked is denied: then the frame is only remembered.
         """
         follows = frame.frame_index == self._detailed + 1
         before = self._details if follows else {}
@@ -108,7 +111,7 @@ class Seen:
         def look(target: str) -> tuple[tuple[Detail, ...], bool]:
             now = detail_of(frame.view(target).luma)
             details = (*before.get(target, ())[1 - KEPT :], now)
-            return details, goes_on_changing(details, noise)
+            return details, is_asked and goes_on_changing(details, noise)
 
         found = map_threads(look, targets)
         looked_at = zip(targets, found, strict=True)

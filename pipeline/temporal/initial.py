@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.compiled import EXACT
+from pipeline.compiled import EXACT, OPTIONS
 from pipeline.frames import GreyImage, Mask
 from pipeline.grid import Grid
 from pipeline.results import StartChoice
@@ -142,22 +142,48 @@ def _match(  # type: ignore[no-untyped-def]
                 return
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _squares(now, before, motion, matched, out):  # type: ignore[no-untyped-def]
-    """Write the squared differences of matched blocks; zero, which spoils no neighbour, else."""
+@njit(**OPTIONS)
+def _agree(now, before, motion, matched, most, agreeing):  # type: ignore[no-untyped-def]
+    """Write which matched blocks agree everywhere: no mean of 3 × 3 squares is above ``most``.
+
+    Blocks that are not matched spoil no neighbour; beyond a side lies what is at it.
+    """
     height, width = now.shape
+    squares = np.zeros((height + 2, width + 2), np.float32)
     for row in range(matched.shape[0]):
         y0, y1 = row * BLOCK, min((row + 1) * BLOCK, height)
         for column in range(matched.shape[1]):
-            x0, x1 = column * BLOCK, min((column + 1) * BLOCK, width)
             if not matched[row, column]:
-                out[y0:y1, x0:x1] = 0
                 continue
+            x0, x1 = column * BLOCK, min((column + 1) * BLOCK, width)
             u, v = motion[row, column, 0], motion[row, column, 1]
             for y in range(y0, y1):
+                # within the picture, and unsigned numbers need no check that they are
+                own, other, out = np.uint64(y), np.uint64(y + v), np.uint64(y + 1)
                 for x in range(x0, x1):
-                    away = now[y, x] - before[y + v, x + u]
-                    out[y, x] = away * away
+                    away = now[own, np.uint64(x)] - before[other, np.uint64(x + u)]
+                    squares[out, np.uint64(x + 1)] = away * away
+    for y in range(1, height + 1):
+        squares[y, 0], squares[y, width + 1] = squares[y, 1], squares[y, width]
+    for x in range(width + 2):
+        squares[0, x], squares[height + 1, x] = squares[1, x], squares[height, x]
+    for row in range(matched.shape[0]):
+        y0, y1 = row * BLOCK, min((row + 1) * BLOCK, height)
+        for column in range(matched.shape[1]):
+            agreeing[row, column] = matched[row, column]
+            if not matched[row, column]:
+                continue
+            x0, x1 = column * BLOCK, min((column + 1) * BLOCK, width)
+            largest = np.float32(0.0)
+            for y in range(y0, y1):
+                above, own, below = np.uint64(y), np.uint64(y + 1), np.uint64(y + 2)
+                for k in range(x0, x1):
+                    a, b, c = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2)
+                    total = squares[above, a] + squares[above, b] + squares[above, c]
+                    total += squares[own, a] + squares[own, b] + squares[own, c]
+                    total += squares[below, a] + squares[below, b] + squares[below, c]
+                    largest = max(largest, total)
+            agreeing[row, column] = largest <= np.float32(9 * most)
 
 
 def match_blocks(now: GreyImage, before: GreyImage, noise: float) -> BlockMatch:
@@ -210,14 +236,9 @@ def _agreeing(
     noise: float,
 ) -> npt.NDArray[np.bool_]:
     """Return which of the matched blocks agree everywhere, not in the mean alone."""
-    height, width = now.shape
-    rows, columns = matched.shape
-    squares = np.empty((height, width), np.float32)
-    _squares(now, before, motion, matched, squares)
-    local = cv2.blur(squares, (3, 3), borderType=cv2.BORDER_REFLECT)
-    bad = np.zeros((rows * BLOCK, columns * BLOCK), bool)
-    bad[:height, :width] = local > 2.5 * 2 * noise**2 + 2 * TOLERATED**2
-    return matched & ~bad.reshape(rows, BLOCK, columns, BLOCK).any(axis=(1, 3))
+    agreeing = np.empty_like(matched)
+    _agree(now, before, motion, matched, 2.5 * 2 * noise**2 + 2 * TOLERATED**2, agreeing)
+    return agreeing
 
 
 def _part_sums(image: GreyImage) -> GreyImage:
