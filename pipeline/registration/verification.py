@@ -6,6 +6,8 @@ small depth differences, the good ones; here the large ones are rejected.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -323,8 +325,6 @@ def verify(
     before : (bits, pixels to renew), optional
         Where only some are wanted: what the others keep.
     """
-    nearest = np.full(reference_nearness.shape, -np.inf, np.float32)
-    _nearest_landing(position, nearness, nearest)
     limits = np.array(
         [
             weight_threshold**2, depth_threshold, depth_threshold,
@@ -334,12 +334,22 @@ def verify(
     )  # fmt: skip
     flags, renewed = before or (np.empty(weights.shape, np.uint8), np.ones(weights.shape, bool))
     flags = flags.copy()
-    near = renewed
-    if before is not None:
-        side = 2 * EDGE_REACH + 1
-        near = cv2.dilate(renewed.view(np.uint8), np.ones((side, side), np.uint8)).view(np.bool_)
-    jumps = jumps_of_motion(position, near)
-    beside, squares = within_reach(jumps, EDGE_REACH), mean_squares(weights)
+
+    def find_jumps() -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+        near = renewed
+        if before is not None:
+            box = np.ones((2 * EDGE_REACH + 1, 2 * EDGE_REACH + 1), np.uint8)
+            near = cv2.dilate(renewed.view(np.uint8), box).view(np.bool_)
+        jumps = jumps_of_motion(position, near)
+        return jumps, within_reach(jumps, EDGE_REACH)
+
+    def find_nearest() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        nearest = np.full(reference_nearness.shape, -np.inf, np.float32)
+        _nearest_landing(position, nearness, nearest)
+        return nearest, mean_squares(weights)
+
+    tasks: tuple[Callable[[], tuple[npt.NDArray, npt.NDArray]], ...] = find_jumps, find_nearest
+    (jumps, beside), (nearest, squares) = map_threads(lambda task: task(), tasks)
 
     def flag(rows: slice) -> None:
         _flag(
