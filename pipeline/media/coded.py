@@ -92,15 +92,24 @@ def chroma_to_code(image: SuperResolvedImage) -> ChromaImage:
 def _write_luma(luma, chroma, halvings, change, out, top, left):
     least, half, most = np.float32(0), np.float32(0.5), np.float32(255)
     of_luma, of_blue, of_red, offset = change
-    of_chroma = np.empty(luma.shape[1], np.float32)
+    width = luma.shape[1]
+    of_chroma = np.empty(width, np.float32)
     for row in range(luma.shape[0]):
         if row & halvings == 0:
-            for column in range(luma.shape[1]):
-                blue, red = chroma[row >> halvings, column >> halvings]
-                of_chroma[column] = of_blue * blue + of_red * red + offset
-        line = out[top + row][left : left + luma.shape[1]]
-        for column in range(luma.shape[1]):
-            level = of_luma * luma[row, column] + of_chroma[column]
+            colours = chroma[row >> halvings]
+            if halvings:
+                for column in range(width >> 1):
+                    blue, red = colours[column]
+                    mixed = of_blue * blue + of_red * red + offset
+                    of_chroma[2 * column] = mixed
+                    of_chroma[2 * column + 1] = mixed
+            else:
+                for column in range(width):
+                    blue, red = colours[column]
+                    of_chroma[column] = of_blue * blue + of_red * red + offset
+        levels, line = luma[row], out[top + row][left : left + width]
+        for column in range(width):
+            level = of_luma * levels[column] + of_chroma[column]
             line[column] = np.uint8(np.int32(min(max(level, least), most) + half))
 
 
