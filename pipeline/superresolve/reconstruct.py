@@ -12,7 +12,7 @@ from pipeline.config import Settings, Solver
 from pipeline.errors import Interrupted
 from pipeline.frames import GreyImage, MultiViewFrame, RegisteredView
 from pipeline.reconstruction.again import fuse_again
-from pipeline.reconstruction.coverage import phase_coverage
+from pipeline.reconstruction.coverage import nothing_filled, phase_coverage
 from pipeline.reconstruction.fused import (
     FusedResult,
     estimate_alone,
@@ -180,7 +180,7 @@ def _report(
 ) -> TargetReport:
     """Return what is said of a target that is made of these views."""
     settings, grid = frame.settings, frame.settings.grid
-    filled = np.zeros(solved.estimate.shape, np.bool_)
+    filled = nothing_filled(grid, frame.frame.lr_shape)
     own_phases, all_phases = (
         phase_coverage(
             [view.position for view in registered if view.is_reference == is_own],
