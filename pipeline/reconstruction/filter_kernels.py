@@ -60,6 +60,12 @@ HALO = 5
 REACH = 4
 """Pixels to each side in the window of the structure tensor."""
 
+STRIP = 256
+"""Columns that are told at once, about: rows of the tensor then stay in the first cache."""
+
+BESIDE = REACH + 1
+"""Columns on each side of a pixel that tell its kind."""
+
 
 @njit(**OPTIONS)
 def pad(image, lo, hi, side, lowest, highest, padded):
@@ -133,20 +139,34 @@ def classify(padded, side, width, height, lo, hi, window, views, tells_views, ki
     kinds : (hi − lo, ≥ W + WIDE) int16
         Overwritten; any kinds behind the last pixel.
     """
-    length, lines = whole(width + 2 * REACH + WIDE), 2 * REACH + 1
+    strips = max(1, (width + STRIP // 2) // STRIP)
+    widest = min(width, width // strips + WIDE + 2 * BESIDE)
+    length, lines = whole(widest + 2 * REACH + WIDE), 2 * REACH + 1
     rooms = (
         # the tensor's three numbers, rows smoothed along x; room for sixteens
         make_lines(3 * lines, length).reshape(3, lines, length),
         make_lines(3, length),
-        make_lines(3, whole(width)),
+        make_lines(3, length),
         make_lines(1, length)[0],
         make_lines(1, length)[0],
     )
-    _classify_rows(padded, side, width, height, lo, hi, window, views, tells_views, kinds, rooms)
+    left = 0
+    for strip in range(1, strips + 1):
+        right = width if strip == strips else strip * width // strips // WIDE * WIDE
+        a, b = max(0, left - BESIDE), min(width, right + BESIDE)
+        _classify_rows(
+            padded, side + a, b - a, height, lo, hi, window, views, tells_views, left, right,
+            left - a, kinds, rooms,
+        )  # fmt: skip
+        left = right
 
 
 @njit(**LEAN)
-def _classify_rows(padded, side, width, height, lo, hi, window, views, tells_views, kinds, rooms):
+def _classify_rows(
+    padded, side, width, height, lo, hi, window, views, tells_views, left, right, start, kinds,
+    rooms,
+):  # fmt: skip
+    """Write the kinds of columns ``left`` to ``right``, of which ``start`` more are read before."""
     ring, products, tensor, sums, steps = rooms
     flat, rows, numbers = ring.reshape(-1), products.reshape(-1), tensor.reshape(-1)
     lines, length = ring.shape[1], ring.shape[2]
@@ -192,17 +212,18 @@ def _classify_rows(padded, side, width, height, lo, hi, window, views, tells_vie
                     taps, tensor[plane], x,
                 )  # fmt: skip
         if tells_views:
-            copy_row(views[y], steps)
-        for x in range(0, width, WIDE):
+            copy_row(views[y, left:right], steps)
+        line = kinds[y - lo, left:]
+        for x in range(0, right - left, WIDE):
             if tells_views:
                 kinds_wide(
-                    numbers, x, tensor.shape[1], steps, TANGENTS, _ENERGIES, _RATIOS, _LOADS, _TINY,
-                    _FACTORS_OF_VIEWS, kinds[y - lo], x,
+                    numbers, start + x, length, steps, TANGENTS, _ENERGIES, _RATIOS, _LOADS, _TINY,
+                    _FACTORS_OF_VIEWS, line, x,
                 )  # fmt: skip
             else:
                 kinds_wide(
-                    numbers, x, tensor.shape[1], steps, TANGENTS, _ENERGIES, _RATIOS, (), _TINY,
-                    _FACTORS, kinds[y - lo], x,
+                    numbers, start + x, length, steps, TANGENTS, _ENERGIES, _RATIOS, (), _TINY,
+                    _FACTORS, line, x,
                 )  # fmt: skip
 
 
