@@ -118,7 +118,7 @@ _renews, _looked, _turned = njit(**EXACT)(renews), njit(**EXACT)(looked), njit(*
 @njit(**OPTIONS)
 def descend(
     rules, state, scale, strength, share, least, nothing, taps_x, taps_y, sharpening_x,
-    sharpening_y, masses, units, local, estimate, direction, residual, applied, prior, sharpened,
+    sharpening_y, masses, units, local, estimate, direction, residual, swept, prior,
 ):  # fmt: skip
     """Descend from where the state says, all rows of an image at once; all is changed in place.
 
@@ -128,24 +128,27 @@ def descend(
         See :func:`renews`, :func:`looked` and :func:`turned`.
     nothing : (0, 0) float32
         What lies beyond the image, and what there is to explain beside ``residual``.
+    swept : (KH, KW) float32
+        What the last sweep has written: the sharpened gradient, or the matrix times a direction.
 
     Others are those of :func:`sweeps.weigh_prior`, :func:`sweeps.look_and_sharpen` and
     :func:`sweeps.turn_and_apply`.
     """
     height, beyond = estimate.shape[0], (nothing, nothing)
+    of_two, of_three = (beyond, beyond), (beyond, beyond, beyond)
     while state[DONE] < rules[STEPS]:
         renewed = _renews(rules, state)
         if renewed:
             weigh_prior(state[STEP], estimate, direction, scale, local, 0, height, prior)
         energy, along = look_and_sharpen(
-            state[STEP], estimate, direction, residual, applied, (beyond, beyond), prior, strength,
-            share, least, sharpening_x, sharpening_y, 0, height, sharpened,
+            state[STEP], estimate, direction, residual, swept, of_three, prior, strength, share,
+            least, sharpening_x, sharpening_y, 0, height, swept,
         )  # fmt: skip
         if not _looked(rules, state, renewed, energy, along):
             return
         curvature = turn_and_apply(
-            sharpened, state[FACTOR], direction, beyond, taps_x, taps_y, masses, units, nothing,
-            prior, strength, 0, height, True, applied,
+            swept, state[FACTOR], direction, of_two, taps_x, taps_y, masses, units, nothing, prior,
+            strength, 0, height, True, swept,
         )  # fmt: skip
         if not _turned(rules, state, curvature):
             return

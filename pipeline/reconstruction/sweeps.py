@@ -80,8 +80,8 @@ def turn_and_apply(
     ----------
     sharpened, direction : (KH, KW) float32
         p is ``sharpened`` + ``factor`` · ``direction``; a factor of zero does not read it.
-    beyond : (above, below)
-        Rows of ``direction`` before ``lo`` and from ``hi`` on, see ``system.rows_beyond``.
+    beyond : (of ``sharpened``, of ``direction``)
+        Their rows before ``lo`` and from ``hi`` on, see ``system.rows_beyond``.
     taps_x, taps_y : float32
         Half taps of B.
     masses : (KH, 4, whole(KW)) uint16
@@ -98,6 +98,7 @@ def turn_and_apply(
     writes : bool
         Whether p takes the place of ``direction``.
     out : (KH, KW) float32
+        ``sharpened`` itself, or another one.
 
     Returns
     -------
@@ -141,8 +142,7 @@ def _turn_and_apply(
             while next_lattice < min(end_lattice, v + 2):
                 while next_spline < min(end_spline, next_lattice + 2):
                     while next_blurred < min(end_blurred, next_spline + reach + 1):
-                        row = sharpened[next_blurred]
-                        _plus_row(row, f, direction, beyond, next_blurred, lo, hi, line)
+                        _plus_row(sharpened, f, direction, beyond, next_blurred, lo, hi, line)
                         blur_row(line[:width], taps_x, room, blurred[next_blurred % lines])
                         next_blurred += 1
                     place = start_of(COEFFICIENTS + next_spline % 3, width)
@@ -158,14 +158,14 @@ def _turn_and_apply(
                 _subtract(rhs[v], line)
             blur_row(line[:width], taps_x, room, back[v % lines])
             next_back += 1
-        blur_ring(back, y, taps_y, height, width, out[y])
         if y == lo:
             _combine(sharpened[y], f, direction[y], around[y % 2, LEAD:])
         below = (y + 1) % 2
         if y + 1 < height:
-            _plus_row(sharpened[y + 1], f, direction, beyond, y + 1, lo, hi, around[below, LEAD:])
+            _plus_row(sharpened, f, direction, beyond, y + 1, lo, hi, around[below, LEAD:])
         else:
             below = 2
+        blur_ring(back, y, taps_y, height, width, out[y])
         own = around[y % 2, LEAD : LEAD + width]
         if writes:
             copy_row(own, direction[y])
@@ -184,14 +184,17 @@ def _turn_and_apply(
 
 
 @njit(**LEAN)
-def _plus_row(first, factor, image, beyond, row, lo, hi, out):
-    """Write ``first`` + ``factor`` · a row of an image as it was before bands were worked on."""
+def _plus_row(first, factor, second, beyond, row, lo, hi, out):
+    """Write a row of one image + ``factor`` · that of another, before bands were worked on."""
     if row < lo:
-        _combine(first, factor, beyond[0][row - lo + beyond[0].shape[0]], out)
+        before, beside = beyond[0][0], beyond[1][0]
+        _combine(
+            before[row - lo + before.shape[0]], factor, beside[row - lo + beside.shape[0]], out
+        )
     elif row >= hi:
-        _combine(first, factor, beyond[1][row - hi], out)
+        _combine(beyond[0][1][row - hi], factor, beyond[1][1][row - hi], out)
     else:
-        _combine(first, factor, image[row], out)
+        _combine(first[row], factor, second[row], out)
 
 
 @njit(**LEAN)
@@ -239,7 +242,7 @@ def look_and_sharpen(
         Zero: x is as it was.
     estimate, direction, residual, applied : (KH, KW) float32
         x, the direction p, the residual, and Bᵀ M B p.
-    beyond : (of the estimate, of the residual)
+    beyond : (of the estimate, of the residual, of ``applied``)
         Their rows before ``lo`` and from ``hi`` on, see ``system.rows_beyond``.
     prior : (4, KH + 1, pitch_of(KW)) uint16
         Weights of the prior, see :func:`weigh_prior`. Row y in row y + 1, padded by ``LEAD`` in
@@ -251,6 +254,7 @@ def look_and_sharpen(
     taps_x, taps_y : float32
         Half taps of G.
     sharpened : (KH, KW) float32
+        ``applied`` itself, or another one.
 
     Returns
     -------
@@ -308,7 +312,7 @@ def _look_and_sharpen(
                         around[below, LEAD:],
                     )
                 row = gradient[u % lines]
-                _row_plus(residual, beyond[1], u, lo, hi, -s, applied[u], row)
+                _plus_row(residual, -s, applied, beyond[1:], u, lo, hi, row)
                 if lo <= u < hi:
                     copy_row(around[u % 3, LEAD : LEAD + width], estimate[u])
                     copy_row(row[:width], residual[u])

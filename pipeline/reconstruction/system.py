@@ -245,7 +245,8 @@ class NormalEquations:
         """
         if not self._has_gathered:
             self.gather([])
-        image, residual, direction, applied, sharpened = self._rooms()
+        # the sharpened gradient, and then the matrix times a direction, in place of one another
+        image, residual, direction, swept = self._rooms()
         np.subtract(estimate, self._level, out=image)
         direction[:] = 0
         prior = self._room_for_weights()
@@ -261,18 +262,18 @@ class NormalEquations:
             descent.descend(
                 rules, state, scale, unit, PRIOR_SHARE, data_share, NOTHING, *self._along,
                 *self._sharpening, self._masses, self._units, self._local, image, direction,
-                residual, applied, prior, sharpened,
+                residual, swept, prior,
             )  # fmt: skip
         while len(self._bands) > 1 and state[descent.DONE] < steps and not is_stopped():
             renewed = descent.renews(rules, state)
             energy, along = self._look(
-                state[descent.STEP], image, direction, residual, applied, renewed, prior, scale,
-                unit, data_share, sharpened,
+                state[descent.STEP], image, direction, residual, swept, renewed, prior, scale,
+                unit, data_share, swept,
             )  # fmt: skip
             if not descent.looked(rules, state, renewed, energy, along):
                 break
             curvature = self._turn(
-                sharpened, state[descent.FACTOR], direction, prior, unit, applied, writes=True
+                swept, state[descent.FACTOR], direction, prior, unit, swept, writes=True
             )
             if not descent.turned(rules, state, curvature):
                 break
@@ -281,7 +282,7 @@ class NormalEquations:
         out = np.empty(self.shape, np.float32)
         map_threads(
             lambda band: sweeps.advance(
-                step, direction, stretched, sharpened, self._level, *band, image, out
+                step, direction, stretched, swept, self._level, *band, image, out
             ),
             self._bands,
         )
@@ -303,7 +304,7 @@ class NormalEquations:
     def _rooms(self) -> list[HrImage]:
         """Return arrays to work in, of whatever they held."""
         if not self._scratch:
-            self._scratch = [on_lines(self.shape, np.float32) for _ in range(5)]
+            self._scratch = [on_lines(self.shape, np.float32) for _ in range(4)]
         return self._scratch
 
     def _room_for_weights(self) -> npt.NDArray[np.uint16]:
@@ -320,7 +321,10 @@ class NormalEquations:
     ) -> float:  # fmt: skip
         """Write the matrix times the next direction, that one in place; return its curvature."""
         reach = 2 * self._along[1].size
-        bands = [(band, rows_beyond(direction, *band, reach)) for band in self._bands]
+        bands = [
+            (band, tuple(rows_beyond(read, *band, reach) for read in (sharpened, direction)))
+            for band in self._bands
+        ]
         return float(
             sum(
                 map_threads(
@@ -354,7 +358,10 @@ class NormalEquations:
             )
         reach = 2 * self._sharpening[1].size - 1
         bands = [
-            (band, tuple(rows_beyond(changed, *band, reach) for changed in (image, residual)))
+            (
+                band,
+                tuple(rows_beyond(read, *band, reach) for read in (image, residual, applied)),
+            )
             for band in self._bands
         ]
         parts = map_threads(
