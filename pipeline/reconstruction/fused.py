@@ -240,6 +240,38 @@ def parts_alone(
         yield estimate[on_hr_grid(within(box, near), grid)]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Begun:
+    """What :func:`fuse` begins with, and needs no view for but the reference."""
+
+    estimate: HrImage
+    """(K·H, K·W), see :func:`estimate_alone`."""
+    local: HrImage
+    """(K·H, K·W), see :func:`local_strength`."""
+    coefficients: HrImage | None
+    """Of the estimate, see ``system.spline_coefficients``; None where steps from the reference
+    alone come first."""
+
+
+def begun_alone(
+    reference: GreyImage,
+    grid: Grid,
+    psf: Psf,
+    noise: float,
+    learned: LearnedFilters,
+    tuning: FusedTuning,
+) -> Begun:
+    """Return what a reconstruction begins with; parameters are those of :func:`fuse`."""
+    noise = max(noise, SMALLEST_NOISE)
+    estimate = estimate_alone(reference, grid, psf, noise, learned)
+    taps = sampling_taps(psf, grid) if int(tuning.alone / noise) == 0 else None
+    return Begun(
+        estimate=estimate,
+        local=local_strength(estimate, grid, noise, tuning),
+        coefficients=None if taps is None else spline_coefficients(estimate, taps),
+    )
+
+
 def prior_strength(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
     """Return λ for a noise (grey levels) and a PSF (HR pixels)."""
     noise = max(noise, SMALLEST_NOISE)
@@ -348,6 +380,7 @@ def fuse(
     residual_threshold: float,
     tuning: FusedTuning | None = None,
     start: HrImage | None = None,
+    begun: Begun | None = None,
     learned: LearnedFilters | None = None,
     most_steps: int | None = None,
     judged: bool = True,
@@ -368,6 +401,8 @@ def fuse(
         T_R, grey levels: pixels of other views predicted worse are left out (thesis §3.2).
     start : (K·H, K·W) float32, optional
         Initial estimate; default: the reference, enlarged and sharpened.
+    begun : Begun, optional
+        What there is of that default already, by :func:`begun_alone`.
     learned : LearnedFilters, optional
         They correct the default initial estimate; the result is the caller's to finish.
     most_steps : int, optional
@@ -392,16 +427,19 @@ def fuse(
     reference = next(index for index, view in enumerate(registered) if view.is_reference)
     own = registered[reference]
     ones = np.ones(lr_shape, np.float32)
-    estimate = (
-        start if start is not None else estimate_alone(own.observed, grid, psf, noise, learned)
-    )
-    left = 0.0
-    if start is None and learned is None:
-        left = noise**2 * restoration_of(own.observed, grid, psf, noise).roughness
+    if begun is not None:
+        estimate, local = begun.estimate, begun.local
+    else:
+        estimate = (
+            start if start is not None else estimate_alone(own.observed, grid, psf, noise, learned)
+        )
+        left = 0.0
+        if start is None and learned is None:
+            left = noise**2 * restoration_of(own.observed, grid, psf, noise).roughness
+        local = local_strength(estimate, grid, noise, tuning, left)
     system = NormalEquations(
-        shape, taps, psf_taps(psf, grid), float(own.observed.mean()),
-        local_strength(estimate, grid, noise, tuning, left), most_bands,
-    )  # fmt: skip
+        shape, taps, psf_taps(psf, grid), float(own.observed.mean()), local, most_bands
+    )
     stop_reason = "iterations"
 
     def solve(estimate: HrImage, plan: int, most: int | None, stretch: float | None) -> HrImage:
@@ -434,7 +472,11 @@ def fuse(
     ]
     flags = [view.flags.copy() for view in registered]
     if not is_alone:
-        coefficients = spline_coefficients(estimate, taps)
+        coefficients = None
+        if begun is not None and estimate is begun.estimate:
+            coefficients = begun.coefficients
+        if coefficients is None:
+            coefficients = spline_coefficients(estimate, taps)
         is_correctable = learned is not None and noise >= CORRECTED_FROM
         observed = [np.ascontiguousarray(view.observed) for view in registered]
         beyond = [np.empty_like(image) for image in observed]

@@ -269,13 +269,11 @@ def _solve(
     settings, steps = frame.settings, frame.effort.steps
     if settings.solver != Solver.FUSED:
         return _solve_by_pocs(frame, registered, start, residual_threshold, stop)
-    tuning = tuning_of(frame, len(registered), start)
-    if start is None and target in frame.alone:
-        start = frame.alone[target]()
+    begun = frame.begun[target]() if start is None and target in frame.begun else None
     return fuse(
         registered, settings.grid, frame.frame.lr_shape, frame.psf, noise=frame.noise,
-        residual_threshold=residual_threshold, stop=stop, start=start, tuning=tuning,
-        learned=learned, most_steps=steps,
+        residual_threshold=residual_threshold, stop=stop, start=start, begun=begun,
+        tuning=tuning_of(frame, len(registered), start), learned=learned, most_steps=steps,
     )  # fmt: skip
 
 

@@ -13,9 +13,8 @@ from pipeline.config import Settings
 from pipeline.effort import FULL, Effort, nearest_views
 from pipeline.errors import SceneError
 from pipeline.frames import MultiViewFrame, View
-from pipeline.reconstruction.fused import estimate_alone
+from pipeline.reconstruction.fused import Begun, begun_alone
 from pipeline.reconstruction.psf import Psf
-from pipeline.reconstruction.system import HrImage
 from pipeline.registration.layers import layer_labels, layer_thresholds
 from pipeline.registration.method import RegistrationMethod
 from pipeline.registration.prepare import PreparedView
@@ -29,6 +28,7 @@ from pipeline.registration.register import (
 )
 from pipeline.superresolve.chain import continued
 from pipeline.superresolve.choices import chosen_filters, psf_of, terms_of
+from pipeline.superresolve.due import MOVED
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.superresolve.stages import Stages
@@ -87,7 +87,7 @@ def register_frame(
             due = _due_views(observed, effort.register_every, previous.turn)
             known = {name for name in observed if _covers(previous, targets, [name])}
             observed = tuple(name for name in observed if name in known or name in due)
-        alone = _begun_alone(frame, settings, targets, psf, noise) if chain.has_moved else {}
+        begun = _begun(frame, settings, targets, psf, noise) if chain.has_moved else {}
         terms = terms_of(settings, noise)
         views = [widened.view(view_id) for view_id in dict.fromkeys((*targets, *observed))]
         prepared, registrations = _registered(frame, views, targets, observed, terms, previous, due)
@@ -113,22 +113,23 @@ def register_frame(
         has_moved=chain.has_moved,
         effort=effort,
         turn=1 if memory is None else memory.turn,
-        alone=alone,
+        begun=begun,
         layers=_layers_of(found.prepared, terms.method) if keep_intermediates else None,
         timings=clock.timings,
     )
 
 
-def _begun_alone(
+def _begun(
     frame: MultiViewFrame,
     settings: Settings,
     targets: Sequence[str],
     psf: Psf,
     noise: float,
-) -> dict[str, Callable[[], HrImage]]:
-    """Begin what the solver starts from, made of each target alone; nothing without filters.
+) -> dict[str, Callable[[], Begun]]:
+    """Begin what needs no view but each target itself; nothing without filters.
 
-    Where the rig has moved, one view is registered first, and by itself.
+    Where the rig has moved, one view is registered first, and by itself. What is begun is the same
+    however many views there are.
     """
     learned = chosen_filters(settings, psf, noise)
     if learned is None:
@@ -136,7 +137,7 @@ def _begun_alone(
     return {
         target: begin(
             functools.partial(
-                estimate_alone, frame.view(target).luma, settings.grid, psf, noise, learned
+                begun_alone, frame.view(target).luma, settings.grid, psf, noise, learned, MOVED
             )
         )
         for target in targets

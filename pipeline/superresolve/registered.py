@@ -11,8 +11,8 @@ import numpy.typing as npt
 from pipeline.config import Settings
 from pipeline.effort import Effort
 from pipeline.frames import MultiViewFrame
+from pipeline.reconstruction.fused import Begun
 from pipeline.reconstruction.psf import Psf
-from pipeline.reconstruction.system import HrImage
 from pipeline.registration.register import ViewRegistration
 from pipeline.temporal.initial import BlockMatch
 from pipeline.temporal.still import Still
@@ -47,8 +47,9 @@ class RegisteredFrame:
     effort: Effort
     turn: int
     """Frames since the chain began."""
-    alone: Mapping[str, Callable[[], HrImage]]
-    """By target, what gives it made of itself alone, once: where that was begun beside."""
+    begun: Mapping[str, Callable[[], Begun]]
+    """By target, what gives, once, what its reconstruction begins with: where that was begun
+    beside registration."""
     layers: Mapping[str, npt.NDArray[np.int32]] | None
     """Depth layers by view id, where pictures of them are wanted."""
     timings: Mapping[str, float]

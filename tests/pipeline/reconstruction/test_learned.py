@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 
 from pipeline.learned_filters import learned_filters
 from pipeline.metrics import psnr
-from pipeline.reconstruction.fused import estimate_alone, finished, fuse
+from pipeline.reconstruction.fused import (
+    FusedTuning,
+    begun_alone,
+    estimate_alone,
+    finished,
+    fuse,
+)
 from pipeline.reconstruction.learned import (
     BAND,
     FilterBank,
@@ -183,6 +189,26 @@ def test_the_start_is_the_same_where_only_some_of_it_is_wanted(magnification, le
     some = estimate_alone(reference, grid, PSF, 2.0, learned, wanted)
     assert np.array_equal(some[fine], whole[fine])
     assert not some[30 * magnification : 40 * magnification].any()
+
+
+@pytest.mark.parametrize("noise", [0.5, 2.0])
+def test_what_was_begun_before_is_gone_on_with_as_if_it_were_begun_now(noise):
+    grid, learned, tuning = make_grid(), _filters(noise), FusedTuning()
+    truth = make_truth(grid.hr_shape(LR_SHAPE))
+    views = [
+        make_view(
+            observe(truth, grid, LR_SHAPE, shift, noise=noise), shift,
+            is_reference=shift == (0.0, 0.0),
+        )
+        for shift in ((0.0, 0.0), (0.5, 0.25))
+    ]  # fmt: skip
+    options = {"noise": noise, "residual_threshold": 30.0, "learned": learned}
+    begun = begun_alone(views[0].observed, grid, PSF, noise, learned, tuning)
+    now, before = (
+        fuse(views, grid, LR_SHAPE, PSF, begun=some, **options) for some in (None, begun)
+    )
+    np.testing.assert_array_equal(before.estimate, now.estimate)
+    assert before.residuals == now.residuals
 
 
 def test_what_is_finished_in_boxes_is_what_is_finished_at_once():
