@@ -14,7 +14,6 @@ from pipeline.grid import Grid
 from pipeline.reconstruction.fused import (
     FusedResult,
     FusedTuning,
-    finished,
     fuse,
     left_over,
     some_landing_points,
@@ -83,11 +82,15 @@ class Piece:
     """Of what it was solved."""
     solved: FusedResult
     shown: HrImage
-    """What was solved, finished, where that was asked for."""
+    """What was solved, finished, without what lies around the box, where that was asked for."""
 
-    def put_into(self, image: HrImage, part: HrImage, *, is_clipped: bool = False) -> None:
-        """Write of what was solved, or made of that, the pixels that are due, in place."""
-        put_pixels(image, part, self.wanted, self.box, self.grid, self.inner, is_clipped=is_clipped)
+    def put_into(self, image: HrImage, part: HrImage) -> None:
+        """Write of what was solved, or told with it, the pixels that are due, in place."""
+        put_pixels(image, part, self.wanted, self.box, self.grid, self.inner)
+
+    def show_in(self, image: HrImage) -> None:
+        """Write of what is shown the pixels that are due, in place."""
+        put_pixels(image, self.shown, self.wanted, self.box, self.grid, is_clipped=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,6 +138,7 @@ def pieces_of(
             if part.views is None or view.view_id in part.views
         ]
         cut = cut_views(uncut, places, some, wide, grid)
+        inner = within(box, wide)
         height, width = (side.stop - side.start for side in wide)
         solved = fuse(
             cut, grid, (height, width), psf, noise=part.noise,
@@ -144,9 +148,9 @@ def pieces_of(
             most_bands=max(1, min(NUM_BANDS, height * width // BAND_PIXELS)), stop=stop,
         )  # fmt: skip
         return Piece(
-            box=box, wanted=part.wanted, inner=within(box, wide), grid=grid, cut=cut,
+            box=box, wanted=part.wanted, inner=inner, grid=grid, cut=cut,
             solved=solved,
-            shown=finished(solved, learned) if is_shown else NOTHING,
+            shown=_shown(solved, learned, on_hr_grid(inner, grid)) if is_shown else NOTHING,
         )  # fmt: skip
 
     def boxes_of(again: Again) -> list[tuple[Again, Due, Box, Uncut, npt.NDArray[np.int64]]]:
@@ -162,6 +166,13 @@ def pieces_of(
     solved = dict(zip(order, map_threads(solve, [items[k] for k in order]), strict=True))
     numbers = iter(range(len(items)))
     return [[solved[next(numbers)] for _ in ones] for ones in found]
+
+
+def _shown(solved: FusedResult, learned: LearnedFilters | None, inner: Box) -> HrImage:
+    """Return some HR pixels of what was solved, finished."""
+    if learned is None:
+        return solved.estimate[inner]
+    return learned.finished(solved.estimate, solved.density, inner)
 
 
 def _work(part: Due, box: Box) -> int:

@@ -142,7 +142,7 @@ def refreshed(
         view = made[number]
         for piece in pieces[number]:
             piece.put_into(view.estimate, piece.solved.estimate)
-            piece.put_into(view.shown, piece.shown, is_clipped=True)
+            piece.show_in(view.shown)
         solved = functools.reduce(np.logical_or, [part.wanted for part in again[number].due])
         np.copyto(view.frames, np.float32(np.inf), where=solved)
         return replace(view, again=solved)

@@ -68,31 +68,33 @@ BESIDE = REACH + 1
 
 
 @njit(**OPTIONS)
-def pad(image, lo, hi, side, lowest, highest, padded):
-    """Write rows ``lo`` to ``hi`` of an image with a margin, reflected about its edge.
+def pad(image, lo, hi, left, width, side, lowest, highest, padded):
+    """Write a part of an image with a margin, reflected about the edge of the image.
 
     Parameters
     ----------
     image : (H, W) float32
     lo, hi : int
-        May lie outside the image.
+        Its rows, half-open; may lie outside the image.
+    left, width : int
+        Its first column, and how many.
     side : int
         Columns before the first one.
     lowest, highest : float
         Grey levels beyond are cut off.
-    padded : (hi − lo, ≥ W + 2 · side) float32
+    padded : (hi − lo, ≥ width + 2 · side) float32
     """
-    height, width = image.shape
+    height, columns = image.shape
     least, most = np.float32(lowest), np.float32(highest)
     for row in range(lo, hi):
         own, line = image[mirror(row, height)], padded[row - lo]
-        inner = line[side : side + width]
+        inner, source = line[side : side + width], own[left : left + width]
         for x in range(width):
-            inner[x] = min(max(own[x], least), most)
+            inner[x] = min(max(source[x], least), most)
         for k in range(side):
-            line[k] = inner[mirror(k - side, width)]
+            line[k] = min(max(own[mirror(left + k - side, columns)], least), most)
         for k in range(side + width, line.size):
-            line[k] = inner[mirror(k - side, width)]
+            line[k] = min(max(own[mirror(left + k - side, columns)], least), most)
 
 
 @njit(**LEAN)
@@ -113,7 +115,7 @@ def _reflect(line, width):
 
 
 @njit(**OPTIONS)
-def classify(padded, side, width, height, lo, hi, window, views, tells_views, kinds):
+def classify(padded, side, first, width, height, lo, hi, window, views, tells_views, kinds):
     """Write the kinds of rows ``lo`` to ``hi``: mirroring · number of classes + class.
 
     Mirroring 0: none, 1: about the diagonal, 2: left and right, 3: left and right, then about the
@@ -128,8 +130,11 @@ def classify(padded, side, width, height, lo, hi, window, views, tells_views, ki
         Rows ``lo`` − HALO to ``hi`` + HALO of the image.
     side : int
         Column of its first pixel.
-    width, height : int
-        W, H.
+    first, width : int
+        Which column of the image that is, and how many there are; of those at either end that are
+        none of the image's, the outermost ``HALO`` have kinds of their own.
+    height : int
+        H.
     window : (REACH + 1,) float32
         Half taps of what smooths the tensor.
     views : (H, W) float32
@@ -156,17 +161,20 @@ def classify(padded, side, width, height, lo, hi, window, views, tells_views, ki
         a, b = max(0, left - BESIDE), min(width, right + BESIDE)
         _classify_rows(
             padded, side + a, b - a, height, lo, hi, window, views, tells_views, left, right,
-            left - a, kinds, rooms,
+            left - a, first, kinds, rooms,
         )  # fmt: skip
         left = right
 
 
 @njit(**LEAN)
 def _classify_rows(
-    padded, side, width, height, lo, hi, window, views, tells_views, left, right, start, kinds,
-    rooms,
+    padded, side, width, height, lo, hi, window, views, tells_views, left, right, start, before,
+    kinds, rooms,
 ):  # fmt: skip
-    """Write the kinds of columns ``left`` to ``right``, of which ``start`` more are read before."""
+    """Write the kinds of columns ``left`` to ``right``, of which ``start`` more are read before.
+
+    ``before`` those of the part lie as many of the image's, and of ``views``.
+    """
     ring, products, tensor, sums, steps = rooms
     flat, rows, numbers = ring.reshape(-1), products.reshape(-1), tensor.reshape(-1)
     lines, length = ring.shape[1], ring.shape[2]
@@ -212,7 +220,7 @@ def _classify_rows(
                     taps, tensor[plane], x,
                 )  # fmt: skip
         if tells_views:
-            copy_row(views[y, left:right], steps)
+            copy_row(views[y, before + left : before + right], steps)
         line = kinds[y - lo, left:]
         for x in range(0, right - left, WIDE):
             if tells_views:
@@ -257,7 +265,7 @@ def _differ(above, own, below, width, sums, steps, products):
 
 
 @njit(**OPTIONS)
-def apply(padded, kinds, taps, share, out):
+def apply(padded, kinds, first, taps, share, out):
     """Write each pixel plus a share of the weighted sum of the patch around it.
 
     Parameters
@@ -267,19 +275,21 @@ def apply(padded, kinds, taps, share, out):
         first at the right.
     kinds : (H, ≥ W + LANES) int16
         Of :func:`classify`; any kinds behind the last pixel.
+    first : int
+        Of the pixels written, in each row.
     taps : (kinds, PATCH · LANES) float32
         In rows of LANES, the last lane zero.
     share : float32
-    out : (H, W) float32
+    out : (H, ≤ W) float32
         Overwritten.
     """
     pixels, weights = padded.reshape(-1), taps.reshape(-1)
     pitch, middle, width = padded.shape[1], PATCH // 2, out.shape[1]
     more = np.empty(width + LANES, np.float32)
     for row in range(out.shape[0]):
-        first = (row + HALO - middle) * pitch
+        at, own_kinds = (row + HALO - middle) * pitch + first, kinds[row, first:]
         for x in range(0, width, LANES):
-            weigh_patches(pixels, first + x, pitch, weights, kinds[row], x, more)
-        own, line = padded[row + HALO, middle:], out[row]
+            weigh_patches(pixels, at + x, pitch, weights, own_kinds, x, more)
+        own, line = padded[row + HALO, middle + first :], out[row]
         for x in range(width):
             line[x] = own[x] + share * more[x]

@@ -24,12 +24,13 @@ import numpy.typing as npt
 from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
-from pipeline.frames import GreyImage, Mask
+from pipeline.frames import GreyImage, Mask, frozen
 from pipeline.grid import Grid
 from pipeline.reconstruction.parts import Box, covering_boxes, on_hr_grid, widened, within
 from pipeline.reconstruction.psf import Psf, psf_axes
-from pipeline.reconstruction.restoration import Restoration
-from pipeline.reconstruction.simd import LANES, PATCH, weigh_patch
+from pipeline.reconstruction.restoration import Restoration, weigh_row
+from pipeline.reconstruction.rows import mirror
+from pipeline.reconstruction.simd import LANES, PATCH, WIDE, weigh_eight
 from pipeline.reconstruction.system import HrImage
 from pipeline.temporal.flow import Flow
 from pipeline.threads import map_threads
@@ -110,15 +111,13 @@ def put_right(
 
     def put(box: Box) -> None:
         wide = widened(box, observed.shape, reach)
-        around = widened(wide, observed.shape, side)
-        there = within(wide, around)
-        error = observed[wide] - _observe(predicted[on_hr_grid(around, grid)], grid, psf)[there]
+        error = _unexplained(observed, predicted, wide, grid, psf)
         inner = within(box, wide)
         trusted = _trusted(error, observed[wide], noise, trust.tolerated)[inner]
-        correction = restoration.apply(error, grid)[on_hr_grid(inner, grid)]
+        correction = restoration.apply(error, grid, inner)
         # contiguous, for one compilation
         _join(
-            predicted, np.ascontiguousarray(correction), np.ascontiguousarray(trusted), wanted,
+            predicted, correction, np.ascontiguousarray(trusted), wanted,
             np.float32(trust.gain), box[0].start, box[1].start, grid.magnification_x,
             grid.magnification_y, np.empty(correction.shape[1], np.float32), estimate, shown,
         )  # fmt: skip
@@ -222,11 +221,91 @@ def _join(
                 seen[x] = clipped if shares[x] > nothing else seen[x]
 
 
-def _observe(estimate: HrImage, grid: Grid, psf: Psf) -> npt.NDArray[np.float32]:
-    """Return what the LR pixels of a part would observe of an estimate."""
+def _unexplained(
+    observed: GreyImage, predicted: HrImage, box: Box, grid: Grid, psf: Psf
+) -> npt.NDArray[np.float32]:
+    """Return what LR pixels of a box differ by from what they would observe of a picture."""
+    rows, columns = box
+    error = np.empty((rows.stop - rows.start, columns.stop - columns.start), np.float32)
     (along_x, first_x), (along_y, first_y) = _observing(grid, psf)
-    seen = cv2.sepFilter2D(estimate, cv2.CV_32F, along_x, along_y, borderType=cv2.BORDER_REFLECT)
-    return seen[first_y :: grid.magnification_y, first_x :: grid.magnification_x]
+    _subtract_observed(
+        frozen(observed), predicted, along_x, along_y, first_x, first_y, grid.magnification_x,
+        grid.magnification_y, rows.start, columns.start, error,
+    )  # fmt: skip
+    return error
+
+
+@njit(**OPTIONS)
+def _subtract_observed(
+    observed, predicted, along_x, along_y, first_x, first_y, across, down, top, left, error
+):  # fmt: skip
+    """Write what LR pixels differ by from weighted sums of HR pixels, reflected about the edge.
+
+    Parameters
+    ----------
+    observed, predicted : (H, W), (K·H, K·W) float32
+    along_x, along_y : (odd,) float32
+        Taps.
+    first_x, first_y : int
+        HR pixel amid those of the first LR pixel.
+    across, down : int
+        K along x and along y.
+    top, left : int
+        Of the first LR pixel that is written.
+    error : (h, w) float32
+        Overwritten.
+    """
+    # HR columns, those of every phase side by side, with room for sixteens
+    width = error.shape[1] + along_x.size // across + 1
+    steps = np.empty(along_x.size, np.int64)
+    for k in range(steps.size):
+        steps[k] = k % across * (width + WIDE) + k // across
+    _subtract_rows(
+        observed, predicted.reshape(-1), predicted.shape, along_x, along_y, first_x, first_y,
+        across, down, top, left, np.empty(along_y.size, np.int64), steps,
+        np.empty((error.shape[1] - 1) * across + along_x.size, np.float32),
+        np.zeros((across, width + WIDE), np.float32),
+        np.empty(error.shape[1] + WIDE, np.float32), error,
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _subtract_rows(
+    observed, pixels, shape, along_x, along_y, first_x, first_y, across, down, top, left, places,
+    steps, line, phases, seen, error,
+):  # fmt: skip
+    height, width = shape
+    reach_y, columns = along_y.size // 2, error.shape[1]
+    begin = left * across + first_x - along_x.size // 2
+    first, last = max(begin, 0), min(begin + line.size, width)
+    for row in range(error.shape[0]):
+        for k in range(places.size):
+            y = mirror((top + row) * down + first_y + k - reach_y, height)
+            places[k] = y * width + first
+        weigh_row(pixels, places, last - first, along_y, 0, line, first - begin)
+        for x in range(first - begin):
+            line[x] = line[mirror(begin + x, width) - begin]
+        for x in range(last - begin, line.size):
+            line[x] = line[mirror(begin + x, width) - begin]
+        for phase in range(across):
+            count = (line.size - phase + across - 1) // across
+            _take_every(line[phase:], across, phases[phase, :count])
+        size = columns + WIDE - 1
+        weigh_row(phases.reshape(-1), steps, size - size % WIDE, along_x, 0, seen, 0)
+        own, out = observed[top + row, left:], error[row]
+        for x in range(columns):
+            out[x] = own[x] - seen[x]
+
+
+@njit(**LEAN)
+def _take_every(row, step, out):
+    """Write every so many of the elements of a row."""
+    if step == 2:
+        for x in range(out.size):
+            out[x] = row[2 * x]
+    else:
+        for x in range(out.size):
+            out[x] = row[x * step]
 
 
 @functools.lru_cache(maxsize=8)
@@ -255,51 +334,100 @@ def _taps() -> npt.NDArray[np.float32]:
 @njit(**OPTIONS)
 def _move(other, flow, wanted, top, bottom, across, down, offset_x, offset_y, taps, out):
     """Write the HR pixels of the LR pixels wanted, of some rows, as another picture has them."""
-    height, width = other.shape
-    rows, columns = wanted.shape
-    pixels = other.reshape(-1)
+    columns = wanted.shape[1]
+    _move_rows(
+        other, flow, wanted, top, bottom, across, down, offset_x, offset_y, taps, out,
+        # with one LR column beyond either end, and room for eights
+        np.empty((2, columns + 2), np.float32), np.empty((2, columns * across), np.float32),
+        np.empty((3, columns * across + LANES), np.int32),
+        np.empty(columns * across + LANES, np.float32),
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _move_rows(
+    other, flow, wanted, top, bottom, across, down, offset_x, offset_y, taps, out, coarse, fine,
+    places, line,
+):  # fmt: skip
+    pixels, columns = other.reshape(-1), wanted.shape[1]
+    for row in range(top, bottom):
+        own, end = wanted[row], 0
+        while end < columns:
+            start = end
+            while start < columns and not own[start]:
+                start += 1
+            end = start
+            while end < columns and own[end]:
+                end += 1
+            # a run of them at once
+            size = (end - start) * across
+            for y in range(row * down, (row + 1) * down if size > 0 else row * down):
+                place = (y - offset_y) / np.float32(down)
+                upper = np.int64(np.floor(place))
+                _flow_between(
+                    flow[max(upper, 0)], flow[min(upper + 1, wanted.shape[0] - 1)],
+                    np.float32(place - upper), start, end, coarse,
+                )  # fmt: skip
+                for axis in range(2):
+                    _spread_out(coarse[axis], end - start, across, offset_x, fine[axis, :size])
+                _place(fine, size, start * across, y, across, down, other.shape, places)
+                for x in range(0, size, LANES):
+                    weigh_eight(pixels, other.shape[1], taps, places, x, line)
+                target = out[y, start * across : end * across]
+                for x in range(size):
+                    target[x] = line[x]
+
+
+@njit(**LEAN)
+def _flow_between(above, below, part, start, end, out):
+    """Write the flow between two rows, x and y apart, from one column before to one behind."""
+    first, last = max(start - 1, 0), min(end + 1, above.shape[0])
+    shift = 1 - start
+    for column in range(first, last):
+        for axis in range(2):
+            near = above[column, axis]
+            out[axis, column + shift] = near + part * (below[column, axis] - near)
+    for axis in range(2):
+        if start == 0:
+            out[axis, 0] = out[axis, 1]
+        if end == above.shape[0]:
+            out[axis, end + shift] = out[axis, end + shift - 1]
+
+
+@njit(**LEAN)
+def _spread_out(coarse, columns, across, offset, out):
+    """Write the flow at the HR pixels of LR columns, of that at these and one to either side."""
+    for fine in range(across):
+        place = (fine - offset) / np.float32(across)
+        left = np.int64(np.floor(place))
+        part = np.float32(place - left)
+        here, beyond, target = coarse[1 + left :], coarse[2 + left :], out[fine:]
+        for column in range(columns):
+            target[column * across] = here[column] + part * (beyond[column] - here[column])
+
+
+@njit(**LEAN)
+def _place(flow, size, start, y, across, down, shape, places):
+    """Write where pixels of a row are in another picture, and eight more; see ``weigh_eight``."""
     phases, middle = np.float32(PHASES), PATCH // 2
-    scale_x, scale_y = np.float32(across), np.float32(down)
+    scale_x, scale_y, zero = np.float32(across), np.float32(down), np.int32(0)
+    most_x, most_y = np.int32(shape[1] - LANES), np.int32(shape[0] - PATCH)
+    lanes, pitch = np.int32(LANES), np.int32(shape[1])
+    left, upper = np.int32(start - middle), np.int32(y - middle)
     # half a pixel, so that what is rounded down is the nearest pixel, and half a phase
     half = np.float32(0.5 + 0.5 / PHASES)
-    # flow along an HR row, at LR columns, with one beyond either end
-    room = np.empty((columns + 2, 2), np.float32)
-    for y in range(top * down, bottom * down):
-        row = y // down
-        first, last = columns, -1
-        for column in range(columns):
-            if wanted[row, column]:
-                first, last = min(first, column), column
-        if last < 0:
-            continue
-        place = (y - offset_y) / scale_y
-        upper = np.int64(np.floor(place))
-        part = np.float32(place - upper)
-        above, below = flow[max(upper, 0)], flow[min(upper + 1, rows - 1)]
-        first, last = max(first - 1, 0), min(last + 2, columns)
-        for column in range(first, last):
-            for axis in range(2):
-                near = above[column, axis]
-                room[column + 1, axis] = near + part * (below[column, axis] - near)
-        for axis in range(2):
-            room[first, axis], room[last + 1, axis] = room[first + 1, axis], room[last, axis]
-        for fine in range(across):
-            place = (fine - offset_x) / scale_x
-            left = np.int64(np.floor(place))
-            part = np.float32(place - left)
-            for column in range(first, last):
-                if not wanted[row, column]:
-                    continue
-                here, beyond = room[column + 1 + left], room[column + 2 + left]
-                at_x = scale_x * (here[0] + part * (beyond[0] - here[0])) + half
-                at_y = scale_y * (here[1] + part * (beyond[1] - here[1])) + half
-                whole_x, whole_y = np.int64(np.floor(at_x)), np.int64(np.floor(at_y))
-                phase_x = np.int64((at_x - whole_x) * phases)
-                phase_y = np.int64((at_y - whole_y) * phases)
-                x = column * across + fine
-                first_x = min(max(x + whole_x - middle, 0), width - LANES)
-                first_y = min(max(y + whole_y - middle, 0), height - PATCH)
-                out[y, x] = weigh_patch(
-                    pixels, first_y * width + first_x, width, taps, phase_x * LANES,
-                    phase_y * LANES,
-                )  # fmt: skip
+    along_x, along_y = flow[0, :size], flow[1, :size]
+    first, tap_x, tap_y = places[0], places[1], places[2]
+    for x in range(along_x.size):
+        at_x, at_y = scale_x * along_x[x] + half, scale_y * along_y[x] + half
+        # of where it is not known any pixels will do
+        at_x, at_y = at_x if at_x == at_x else half, at_y if at_y == at_y else half
+        whole_x, whole_y = np.floor(at_x), np.floor(at_y)
+        column = min(max(left + np.int32(x) + np.int32(whole_x), zero), most_x)
+        line = min(max(upper + np.int32(whole_y), zero), most_y)
+        first[x] = line * pitch + column
+        tap_x[x] = np.int32((at_x - whole_x) * phases) * lanes
+        tap_y[x] = np.int32((at_y - whole_y) * phases) * lanes
+    for x in range(along_x.size, along_x.size + LANES):
+        for plane in range(3):
+            places[plane, x] = 0

@@ -233,11 +233,12 @@ def parts_alone(
     reach = 0 if learned is None else -(-REACH // min(grid.magnification_x, grid.magnification_y))
     for box in boxes:
         near = widened(box, reference.shape, reach)
-        wide = widened(near, reference.shape, restoration.reach)
-        estimate = restoration.apply(reference[wide], grid)[on_hr_grid(within(near, wide), grid)]
-        if learned is not None:
-            estimate = learned.of_one.apply(estimate)
-        yield estimate[on_hr_grid(within(box, near), grid)]
+        estimate = restoration.apply(reference, grid, near)
+        inner = on_hr_grid(within(box, near), grid)
+        if learned is None:
+            yield estimate[inner]
+        else:
+            yield learned.of_one.apply(estimate, inner=inner)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -616,10 +617,11 @@ def finished(
     for box in boxes:
         wide = widened(box, lr_shape)
         fine = on_hr_grid(wide, grid)
-        part = learned.finished(
-            np.ascontiguousarray(result.estimate[fine]), np.ascontiguousarray(result.density[fine])
+        out[on_hr_grid(box, grid)] = learned.finished(
+            np.ascontiguousarray(result.estimate[fine]),
+            np.ascontiguousarray(result.density[fine]),
+            on_hr_grid(within(box, wide), grid),
         )
-        out[on_hr_grid(box, grid)] = part[on_hr_grid(within(box, wide), grid)]
     return out
 
 

@@ -12,7 +12,7 @@ from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
 from pipeline.reconstruction.half_pixels import LATTICE
-from pipeline.reconstruction.rows import copy_row, make_lines, mirror
+from pipeline.reconstruction.rows import copy_row, make_lines
 from pipeline.reconstruction.simd import (
     LANES,
     TOGETHER,
@@ -457,43 +457,3 @@ def _spline_taps(position_x, position_y, height, width, pitch, places, taps):
         taps[3 * TOGETHER + k] = y0
         taps[4 * TOGETHER + k] = y1
         taps[5 * TOGETHER + k] = y2
-
-
-@njit(**OPTIONS)
-def filter_phases(image, along_x, along_y, lo, hi, out):
-    """Write the HR rows of LR rows ``lo`` to ``hi``, each phase filtered by taps of its own.
-
-    Parameters
-    ----------
-    image : (H, W) float32
-    along_x, along_y : (K, odd) float32
-        Taps over LR pixels, of each phase along x and along y.
-    out : (KH, KW) float32
-    """
-    height, width = image.shape
-    phases_x, phases_y = along_x.shape[0], along_y.shape[0]
-    reach_x, reach_y = along_x.shape[1] // 2, along_y.shape[1] // 2
-    room = np.empty(width + 2 * reach_x, np.float32)
-    line = np.empty(width, np.float32)
-    own = room[reach_x : reach_x + width]
-    for row in range(lo, hi):
-        for phase_y in range(phases_y):
-            own[:] = 0
-            for k in range(along_y.shape[1]):
-                _add_scaled(image[mirror(row + k - reach_y, height)], along_y[phase_y, k], own)
-            for k in range(1, reach_x + 1):
-                room[reach_x - k] = own[mirror(-k, width)]
-                room[reach_x + width - 1 + k] = own[mirror(width - 1 + k, width)]
-            target = out[row * phases_y + phase_y]
-            for phase_x in range(phases_x):
-                line[:] = 0
-                for k in range(along_x.shape[1]):
-                    _add_scaled(room[k : k + width], along_x[phase_x, k], line)
-                for x in range(width):
-                    target[x * phases_x + phase_x] = line[x]
-
-
-@njit(**LEAN)
-def _add_scaled(row, factor, out):
-    for x in range(out.size):
-        out[x] += factor * row[x]

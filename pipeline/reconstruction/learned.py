@@ -82,7 +82,11 @@ class FilterBank:
         return padded.reshape(4 * len(half), PATCH * LANES)
 
     def apply(
-        self, image: GreyImage, views: GreyImage | None = None, share: float = 1.0
+        self,
+        image: GreyImage,
+        views: GreyImage | None = None,
+        share: float = 1.0,
+        inner: tuple[slice, slice] | None = None,
     ) -> npt.NDArray[np.float32]:
         """Return the image, cut off at 0 and 255, with a share of its correction, (H, W) float32.
 
@@ -94,18 +98,25 @@ class FilterBank:
             How many views observe what lies around each pixel; needed where the classes tell.
         share : float
             Of the correction.
+        inner : (rows, columns), optional
+            Pixels that are asked for; default: all.
         """
-        height, width = image.shape
-        out = np.empty((height, width), np.float32)
+        rows, columns = inner or tuple(slice(0, size) for size in image.shape)
+        out = np.empty((rows.stop - rows.start, columns.stop - columns.start), np.float32)
         # contiguous and writable, for one compilation
         image = np.require(image, np.float32, ["C", "W"])
+        left, right = max(columns.start - REACH, 0), min(columns.stop + REACH, image.shape[1])
 
         def work(band: tuple[int, int]) -> None:
             lo, hi = band
-            padded, kinds = _padded_and_kinds(image, views, band)
-            filter_kernels.apply(padded, kinds, self.kernels, np.float32(share), out[lo:hi])
+            padded, kinds = _padded_and_kinds(
+                image, views, (rows.start + lo, rows.start + hi), slice(left, right)
+            )
+            filter_kernels.apply(
+                padded, kinds, columns.start - left, self.kernels, np.float32(share), out[lo:hi]
+            )
 
-        map_threads(work, bands(height))
+        map_threads(work, bands(len(out)))
         return out
 
 
@@ -121,15 +132,23 @@ class LearnedFilters:
     trust: float
     """Share of its correction that this gets."""
 
-    def finished(self, estimate: GreyImage, density: GreyImage) -> npt.NDArray[np.float32]:
+    def finished(
+        self,
+        estimate: GreyImage,
+        density: GreyImage,
+        inner: tuple[slice, slice] | None = None,
+    ) -> npt.NDArray[np.float32]:
         """Return what the solver has made, corrected, (K·H, K·W) float32.
 
         Parameters
         ----------
         estimate, density : (K·H, K·W) float32
             See :class:`fused.FusedResult`.
+        inner : (rows, columns), optional
+            Pixels that are asked for; default: all.
         """
-        return self.of_all.apply(estimate, views_seen(density, self.magnification), self.trust)
+        views = views_seen(density, self.magnification)
+        return self.of_all.apply(estimate, views, self.trust, inner)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -190,20 +209,22 @@ def kinds_of(
     image: GreyImage, views: GreyImage | None, band: tuple[int, int]
 ) -> npt.NDArray[np.int16]:
     """Return the class of each pixel of some rows, and how it is mirrored."""
-    return _padded_and_kinds(image, views, band)[1][:, : image.shape[1]]
+    columns = slice(0, image.shape[1])
+    return _padded_and_kinds(image, views, band, columns)[1][:, columns]
 
 
 def _padded_and_kinds(
-    image: GreyImage, views: GreyImage | None, band: tuple[int, int]
+    image: GreyImage, views: GreyImage | None, band: tuple[int, int], columns: slice
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]]:
-    """Return some rows of an image as :func:`filter_kernels.apply` takes them, and their kinds."""
-    (height, width), (lo, hi), halo = image.shape, band, filter_kernels.HALO
+    """Return a part of an image as :func:`filter_kernels.apply` takes it, and its kinds."""
+    (lo, hi), halo, left, width = band, filter_kernels.HALO, columns.start, columns.stop
+    width -= left
     padded = np.empty((hi - lo + 2 * halo, width + 2 * RADIUS + 2 * LANES), np.float32)
-    filter_kernels.pad(image, lo - halo, hi + halo, RADIUS, 0.0, 255.0, padded)
+    filter_kernels.pad(image, lo - halo, hi + halo, left, width, RADIUS, 0.0, 255.0, padded)
     kinds = np.zeros((hi - lo, width + WIDE), np.int16)
     filter_kernels.classify(
-        padded, RADIUS, width, height, lo, hi, _window(), image if views is None else views,
-        int(views is not None), kinds,
+        padded, RADIUS, left, width, image.shape[0], lo, hi, _window(),
+        image if views is None else views, int(views is not None), kinds,
     )  # fmt: skip
     return padded, kinds
 

@@ -21,11 +21,14 @@ LANES = 8
 WIDE = 16
 """The same where all is arithmetic, for processors that have such vectors."""
 
+FAR = 4
+"""Vectors of these that share what they are multiplied by."""
+
 TOGETHER = 128
 """Observations whose taps or places are worked out together, before they are used one by one."""
 
 PATCH = 7
-"""Side of the patches of :func:`weigh_patches` and :func:`weigh_patch`, pixels."""
+"""Side of the patches of :func:`weigh_patches` and :func:`weigh_eight`, pixels."""
 
 _FLOAT, _WORD, _SHORT = ir.FloatType(), ir.IntType(32), ir.IntType(16)
 
@@ -33,10 +36,14 @@ _FLOAT, _WORD, _SHORT = ir.FloatType(), ir.IntType(32), ir.IntType(16)
 class _Vectors:
     """Writes instructions on so many numbers; sums may be contracted to multiply-adds."""
 
-    flags = ("contract", "reassoc", "nsz", "arcp")
-
-    def __init__(self, builder: ir.IRBuilder, lanes: int = LANES) -> None:
+    def __init__(
+        self,
+        builder: ir.IRBuilder,
+        lanes: int = LANES,
+        flags: tuple[str, ...] = ("contract", "reassoc", "nsz", "arcp"),
+    ) -> None:
         self.builder = builder
+        self.flags = flags
         self.lanes = lanes
         self.floats, self.words, self.shorts = (
             ir.VectorType(kind, lanes) for kind in (_FLOAT, _WORD, _SHORT)
@@ -505,6 +512,65 @@ def blur_wide(typing_context, image, places, taps, out, to):
     return signature, generate
 
 
+@intrinsic
+def weigh_places(typing_context, image, places, more, taps, first, out, to):
+    """Write sixteen sums of pixels, those at each place times its tap, one after another.
+
+    Parameters
+    ----------
+    image : float32 array
+    places : int64 array
+        Of the first of sixteen pixels, …
+    more : intp
+        … if as many are added to it.
+    taps : float32 array
+    first : intp
+        Of the first place's tap.
+    out, to : float32 array, intp
+        Where the result goes.
+    """
+    return _weighing(1, WIDE, image, places, taps, out)
+
+
+@intrinsic
+def weigh_places_far(typing_context, image, places, more, taps, first, out, to):
+    """Write ``FAR`` times as many sums; arguments are those of :func:`weigh_places`."""
+    return _weighing(FAR, WIDE, image, places, taps, out)
+
+
+@intrinsic
+def weigh_place(typing_context, image, places, more, taps, first, out, to):
+    """Write one sum, as :func:`weigh_places` does; arguments are those of that."""
+    return _weighing(1, 1, image, places, taps, out)
+
+
+def _weighing(count: int, lanes: int, image, places, taps, out):
+    """Return signature and code of what writes so many vectors of so many sums."""
+    signature = types.void(image, places, types.intp, taps, types.intp, out, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        # in this order, so that it does not matter which of them a pixel gets
+        vectors = _Vectors(builder, lanes, ("contract",))
+        pixels, starts, weights, result = (
+            _data(context, builder, signature, arguments, n) for n in (0, 1, 3, 5)
+        )
+        lines = context.make_array(signature.args[1])(context, builder, arguments[1])
+        size = cgutils.unpack_tuple(builder, lines.shape)[0]
+        totals = [cgutils.alloca_once_value(builder, vectors.zeros) for _ in range(count)]
+        with cgutils.for_range(builder, size) as loop:
+            at = builder.add(builder.load(builder.gep(starts, [loop.index])), arguments[2])
+            tap = builder.gep(weights, [builder.add(arguments[4], loop.index)])
+            tap = vectors.spread(builder.load(tap))
+            for number, total in enumerate(totals):
+                part = vectors.times(vectors.load(pixels, at, number * lanes), tap)
+                builder.store(vectors.add(builder.load(total), part), total)
+        for number, total in enumerate(totals):
+            vectors.store(builder.load(total), result, arguments[6], number * lanes)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
 _NEIGHBOURS = ((0, 0, 1), (1, 1, -1), (2, 1, 0), (3, 1, 1))
 """Plane of the prior's weights, rows down and columns right of what it couples a pixel with."""
 
@@ -788,6 +854,21 @@ def kinds_wide(
     return signature, generate
 
 
+def _add_up(eight, totals):
+    """Return the sums of the lanes of eight vectors, one after the other."""
+    # halves are added up, of more and more of them in one vector; in this order they end up so
+    totals = [totals[lane] for lane in (0, 4, 2, 6, 1, 5, 3, 7)]
+    for size in (4, 2, 1):
+        count = len(totals) // 2
+        low = [lane for lane in range(2 * LANES) if lane % (2 * size) < size]
+        high = [lane + size for lane in low]
+        totals = [
+            eight.add(eight.choose(*pair, low), eight.choose(*pair, high))
+            for pair in zip(totals[:count], totals[count:], strict=True)
+        ]
+    return totals[0]
+
+
 @intrinsic
 def weigh_patches(typing_context, image, at, pitch, taps, kinds, first, out):
     """Write the sums of the pixels of eight patches side each other, each times its tap.
@@ -824,53 +905,175 @@ def weigh_patches(typing_context, image, at, pitch, taps, kinds, first, out):
                 total = eight.add(total, eight.times(eight.load(pixels, line, lane), taps_of_row))
                 line = builder.add(line, pitch)
             totals.append(total)
-        # halves are added up, of more and more patches in one vector; in this order they end up
-        # one after the other
-        totals = [totals[lane] for lane in (0, 4, 2, 6, 1, 5, 3, 7)]
-        for size in (4, 2, 1):
-            count = len(totals) // 2
-            low = [lane for lane in range(2 * LANES) if lane % (2 * size) < size]
-            high = [lane + size for lane in low]
-            totals = [
-                eight.add(eight.choose(*pair, low), eight.choose(*pair, high))
-                for pair in zip(totals[:count], totals[count:], strict=True)
-            ]
-        eight.store(totals[0], result, first)
+        eight.store(_add_up(eight, totals), result, first)
         return context.get_dummy_value()
 
     return signature, generate
 
 
 @intrinsic
-def weigh_patch(typing_context, image, at, pitch, taps, along_x, along_y):
-    """Return the sum of a patch's pixels, each times its taps along x and along y.
+def weigh_eight(typing_context, image, pitch, taps, places, first, out):
+    """Write the sums of the pixels of eight patches, each times its taps along x and along y.
+
+    Parameters
+    ----------
+    image : float32 array
+    pitch : intp
+        From row to row.
+    taps : float32 array
+        In rows of LANES, the last lane zero.
+    places : (3, N) int32
+        Of each patch's first pixel; of its first tap along x, and along y.
+    first : intp
+        Of the first of the eight patches there, and in ``out``.
+    out : float32 array
+    """
+    signature = types.void(image, types.intp, taps, places, types.intp, out)
+
+    def generate(context, builder, signature, arguments):
+        eight = _Vectors(builder)
+        pixels, weights, numbers, result = (
+            _data(context, builder, signature, arguments, n) for n in (0, 2, 3, 5)
+        )
+        pitch, first = arguments[1], arguments[4]
+        lines = context.make_array(signature.args[3])(context, builder, arguments[3])
+        count = cgutils.unpack_tuple(builder, lines.shape)[1]
+
+        def number(plane, lane):
+            where = builder.add(first, ir.Constant(first.type, lane))
+            where = builder.add(where, builder.mul(count, ir.Constant(first.type, plane)))
+            return builder.sext(builder.load(builder.gep(numbers, [where])), first.type)
+
+        totals = []
+        for lane in range(LANES):
+            line, along_x, along_y = (number(plane, lane) for plane in range(3))
+            total = eight.zeros
+            for row in range(PATCH):
+                where = builder.add(along_y, ir.Constant(along_y.type, row))
+                tap = eight.spread(builder.load(builder.gep(weights, [where])))
+                total = eight.add(total, eight.times(eight.load(pixels, line), tap))
+                line = builder.add(line, pitch)
+            totals.append(eight.times(total, eight.load(weights, along_x)))
+        eight.store(_add_up(eight, totals), result, first)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _between(eight, data, arguments):
+    """Yield eight rows of eight pixels that lie a share of a pixel to the right, and below.
+
+    The arguments are those of :func:`compare_patch` that say which.
+    """
+    at, pitch = arguments[:2]
+    across, down = (eight.spread(share) for share in arguments[2:])
+    right, below = eight.subtract(eight.ones, across), eight.subtract(eight.ones, down)
+    shares = [eight.times(*pair) for pair in (
+        (right, below), (across, below), (right, down), (across, down),
+    )]  # fmt: skip
+    upper = [eight.load(data, at, dx) for dx in range(2)]
+    for _ in range(LANES):
+        at = eight.builder.add(at, pitch)
+        lower = [eight.load(data, at, dx) for dx in range(2)]
+        total = eight.zeros
+        for pixels, share in zip(upper + lower, shares, strict=True):
+            total = eight.add(total, eight.times(pixels, share))
+        yield total
+        upper = lower
+
+
+@intrinsic
+def compare_patch(typing_context, image, at, pitch, across, down, patch, out):
+    """Write four sums of what eight rows of eight pixels of an image differ by from a patch.
+
+    The difference, its square, and its products with the slopes along x and y.
 
     Parameters
     ----------
     image : float32 array
     at, pitch : intp
-        Of the patch's first pixel; from row to row.
-    taps : float32 array
-        In rows of LANES, the last lane zero.
-    along_x, along_y : intp
-        Of the first tap along either axis.
+        Of the first pixel; from row to row.
+    across, down : float32
+        How far the pixels lie beyond that, 0..1.
+    patch : float32 array
+        Its pixels, their slopes along x, and along y, ``LANES``² each.
+    out : (≥ 4,) float32 array
     """
-    signature = types.float32(image, types.intp, types.intp, taps, types.intp, types.intp)
+    signature = types.void(image, types.intp, types.intp, types.float32, types.float32, patch, out)
 
     def generate(context, builder, signature, arguments):
         eight = _Vectors(builder)
-        pixels, weights = (_data(context, builder, signature, arguments, n) for n in (0, 3))
-        at, pitch, along_x, along_y = (arguments[n] for n in (1, 2, 4, 5))
-        total, line = eight.zeros, at
-        for row in range(PATCH):
-            where = builder.add(along_y, ir.Constant(along_y.type, row))
-            tap = eight.spread(builder.load(builder.gep(weights, [where])))
-            total = eight.add(total, eight.times(eight.load(pixels, line), tap))
-            line = builder.add(line, pitch)
-        total = eight.times(total, eight.load(weights, along_x))
-        for half in (4, 2, 1):
-            turned = eight.choose(total, total, [(lane + half) % LANES for lane in range(LANES)])
-            total = eight.add(total, turned)
-        return builder.extract_element(total, ir.Constant(_WORD, 0))
+        pixels, own, result = (_data(context, builder, signature, arguments, n) for n in (0, 5, 6))
+        first = ir.Constant(arguments[1].type, 0)
+        sums = [eight.zeros] * 4
+        for number, row in enumerate(_between(eight, pixels, arguments[1:5])):
+            patch, along_x, along_y = (
+                eight.load(own, first, LANES * (LANES * plane + number)) for plane in range(3)
+            )
+            away = eight.subtract(row, patch)
+            sums[0] = eight.add(sums[0], away)
+            for place, other in enumerate((away, along_x, along_y), 1):
+                sums[place] = eight.add(sums[place], eight.times(away, other))
+        four = _Vectors(builder, 4)
+        halves = [
+            four.add(eight.choose(one, one, [0, 1, 2, 3]), eight.choose(one, one, [4, 5, 6, 7]))
+            for one in sums
+        ]
+        # pairs of two sums in one vector, then all four
+        low, high = [
+            four.add(four.choose(one, other, [0, 1, 4, 5]), four.choose(one, other, [2, 3, 6, 7]))
+            for one, other in (halves[:2], halves[2:])
+        ]
+        total = four.add(four.choose(low, high, [0, 2, 4, 6]), four.choose(low, high, [1, 3, 5, 7]))
+        four.store(total, result, first)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def add_shares(
+    typing_context, image, at, pitch, across, down, own, here, line, u, v, sums, to, plane
+):  # fmt: skip
+    """Add to three sums of eight rows of eight pixels 1, u and v, by how alike two images are.
+
+    The share of each is 1 / (1 + d²), d what they differ by.
+
+    Parameters
+    ----------
+    image, at, pitch, across, down
+        As of :func:`compare_patch`.
+    own, here, line : float32 array, intp, intp
+        The other image; of its first pixel; from row to row, there and in the sums.
+    u, v : float32
+    sums : float32 array
+    to, plane : intp
+        Of the first pixel; from sum to sum.
+    """
+    signature = types.void(
+        image, types.intp, types.intp, types.float32, types.float32, own,
+        types.intp, types.intp, types.float32, types.float32, sums, types.intp, types.intp,
+    )  # fmt: skip
+
+    def generate(context, builder, signature, arguments):
+        eight = _Vectors(builder)
+        pixels, others, result = (
+            _data(context, builder, signature, arguments, n) for n in (0, 5, 10)
+        )
+        here, line = arguments[6:8]
+        factors = [eight.ones, *(eight.spread(number) for number in arguments[8:10])]
+        to, plane = arguments[11:13]
+        for row in _between(eight, pixels, arguments[1:5]):
+            away = eight.subtract(row, eight.load(others, here))
+            share = builder.fdiv(
+                eight.ones, eight.add(eight.ones, eight.times(away, away)), flags=eight.flags
+            )
+            where = to
+            for factor in factors:
+                total = eight.add(eight.load(result, where), eight.times(share, factor))
+                eight.store(total, result, where)
+                where = builder.add(where, plane)
+            here, to = builder.add(here, line), builder.add(to, line)
+        return context.get_dummy_value()
 
     return signature, generate

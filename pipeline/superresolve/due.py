@@ -6,7 +6,7 @@ docs/experiments.md#a-camera-that-moves for ``MOVED``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -118,29 +118,36 @@ def as_cold_where_quiet(tuning: FusedTuning, noise: float) -> FusedTuning:
 
 def in_turn(wanted: Mask, every: int, frame_index: int) -> Mask:
     """Return the part of the pixels wanted whose turn it is: all of them in so many frames."""
-    edges = np.linspace(0, len(wanted), every + 1).astype(int)
-    turn = frame_index % every
-    part = np.zeros_like(wanted)
-    rows = slice(edges[turn], edges[turn + 1])
+    part, rows = np.zeros_like(wanted), _rows_in_turn(wanted, every, frame_index)
     part[rows] = wanted[rows]
     return part
 
 
-def in_turn_or_seldom(wanted: Mask, ripe: Mask, every: int, frame_index: int) -> Mask:
+def _rows_in_turn(wanted: Mask, every: int, frame_index: int) -> slice:
+    """Return the rows whose turn it is."""
+    edges = np.linspace(0, len(wanted), every + 1).astype(int)
+    turn = frame_index % every
+    return slice(edges[turn], edges[turn + 1])
+
+
+def in_turn_or_seldom(
+    wanted: Mask, is_ripe: Callable[[slice], Mask], every: int, frame_index: int
+) -> Mask:
     """Return the part of the pixels wanted whose turn it is; a share of them if they are not ripe.
 
     Parameters
     ----------
-    ripe : (H, W) bool
-        The others have every ``SELDOM``-th turn, a share of the columns in each, so that no frame
-        costs more than the others.
+    is_ripe : callable
+        Tells of some rows which pixels are. The others have every ``SELDOM``-th turn, a share of
+        the columns in each, so that no frame costs more than the others.
     """
-    part = in_turn(wanted, every, frame_index)
+    part, rows = np.zeros_like(wanted), _rows_in_turn(wanted, every, frame_index)
     edges = np.linspace(0, wanted.shape[1], SELDOM + 1).astype(int)
     turn = frame_index // every % SELDOM
-    has_turn = ripe.copy()
-    has_turn[:, edges[turn] : edges[turn + 1]] = True
-    return part & has_turn
+    columns = slice(edges[turn], edges[turn + 1])
+    part[rows] = wanted[rows] & is_ripe(rows)
+    part[rows, columns] = wanted[rows, columns]
+    return part
 
 
 def frames_solved(

@@ -23,6 +23,7 @@ from pipeline.superresolve.seen import Seen
 from pipeline.temporal.flow import Flow
 from pipeline.temporal.initial import BlockMatch, match_blocks
 from pipeline.temporal.moving import has_moved
+from pipeline.temporal.still_kernels import take_frames
 from pipeline.threads import map_threads
 
 RIGHT = 0.5
@@ -319,13 +320,13 @@ class Memory:
             frames=np.full_like(solved.frames, np.inf),
         )  # fmt: skip
 
-    def is_ripe(self, target: str) -> Mask:
+    def is_ripe(self, target: str, rows: slice) -> Mask:
         """Return where a target's pixels are means of twice as many frames as when it was made.
 
-        Or where it was made of itself alone, (H, W).
+        Or where it was made of itself alone; of some of its rows.
         """
-        count, frames = self.seen.still[target].count, self._solved[target].frames
-        return np.ones(count.shape, np.bool_) if frames is None else count >= 2 * frames
+        count, frames = self.seen.still[target].count[rows], self._solved[target].frames
+        return np.ones(count.shape, np.bool_) if frames is None else count >= 2 * frames[rows]
 
     def shown(self, targets: Sequence[str]) -> dict[str, Shown]:
         """Return what the last frame has left of these targets, as far as it has any."""
@@ -346,9 +347,10 @@ class Memory:
             old, left = self._solved[target], made[target]
             frames = old.frames
             if frames is not None:
-                frames = np.where(np.isinf(left.frames), frames, np.float32(0))
-                if left.again is not None:
-                    np.copyto(frames, self.seen.still[target].count, where=left.again)
+                count = self.seen.still[target].count
+                again = np.zeros(count.shape, np.bool_) if left.again is None else left.again
+                frames = np.empty_like(frames)
+                take_frames(old.frames, left.frames, count, again, frames)
             return replace(
                 old,
                 result=replace(old.result, estimate=left.estimate),

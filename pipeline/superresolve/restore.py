@@ -280,7 +280,8 @@ def _due(ready: _Ready, target: str, waiting: Mask | None, *, is_led: bool) -> l
     touched = memory.seen.still[target].touched
     wanted = touched if waiting is None else touched | waiting
     if effort.alone or effort.in_turn:
-        refresh = in_turn_or_seldom(~wanted, memory.is_ripe(target), every, number)
+        is_ripe = functools.partial(memory.is_ripe, target)
+        refresh = in_turn_or_seldom(~wanted, is_ripe, every, number)
     else:
         refresh = in_turn(~wanted, every, number)
     # views as they were say less than those that are looked at

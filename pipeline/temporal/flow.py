@@ -19,9 +19,10 @@ from numba import njit
 
 from pipeline.compiled import INLINED, LEAN
 from pipeline.frames import GreyImage, Mask
+from pipeline.reconstruction.simd import LANES, add_shares, compare_patch
 
-SIDE = 8
-"""Of a patch, pixels."""
+SIDE = LANES
+"""Of a patch, pixels: those of a row are worked on together."""
 
 SPACING = 4
 """From one patch to the next, pixels."""
@@ -90,44 +91,15 @@ def _flow_at(
     is_asked = np.zeros((rows, columns), np.bool_)
     # writable, for one compilation
     picture = np.require(now, np.float32, ("C", "W"))
-    room = np.empty((3, SIDE * SIDE), np.float32)
-    _fit_patches(picture, around.reshape(-1), wanted, coarser, *room, motion, is_asked)
-    found, weights = np.zeros((height, width, 2), np.float32), np.zeros((height, width), np.float32)
-    _spread(picture, around.reshape(-1), motion, is_asked, weights, found)
+    patches, of_patch = np.empty(3 * SIDE * SIDE, np.float32), np.empty(4, np.float32)
+    _fit_patches(
+        picture, around.reshape(-1), wanted, coarser, patches, of_patch,
+        np.empty(width, np.uint8), motion, is_asked,
+    )  # fmt: skip
+    found = np.empty((height, width, 2), np.float32)
+    sums = np.zeros((3, SIDE * width), np.float32)
+    _spread(picture, around.reshape(-1), motion, is_asked, sums, found)
     return found
-
-
-@njit(**INLINED)
-def _compare(before, at, pitch, across, down, patch, slopes_x, slopes_y):
-    """Return the sums of a patch's differences to another picture.
-
-    The difference, its square, and its products with the slopes along x and y.
-
-    Parameters
-    ----------
-    before : (n,) float32
-        The other picture.
-    at, pitch : int
-        Of the patch's first pixel there; from row to row.
-    across, down : float32
-        How far it lies beyond that, 0..1.
-    patch, slopes_x, slopes_y : (SIDE²,) float32
-    """
-    one = np.float32(1.0)
-    here, right = (one - across) * (one - down), across * (one - down)
-    below, beyond = (one - across) * down, across * down
-    total = square = along_x = along_y = np.float32(0.0)
-    for row in range(SIDE):
-        upper = before[at + row * pitch : at + row * pitch + SIDE + 1]
-        lower = before[at + (row + 1) * pitch : at + (row + 1) * pitch + SIDE + 1]
-        for k in range(SIDE):
-            away = here * upper[k] + right * upper[k + 1] + below * lower[k] + beyond * lower[k + 1]
-            away -= patch[row * SIDE + k]
-            total += away
-            square += away * away
-            along_x += away * slopes_x[row * SIDE + k]
-            along_y += away * slopes_y[row * SIDE + k]
-    return total, square, along_x, along_y
 
 
 @njit(**INLINED)
@@ -147,32 +119,56 @@ def _take_patch(now, top, left, patch, slopes_x, slopes_y):
 
 
 @njit(**INLINED)
-def _is_wanted(wanted, top, left):
-    """Return whether a pixel of a patch is asked for."""
-    found = np.uint8(0)
-    for row in range(top, top + SIDE):
-        for column in range(left, left + SIDE):
-            found |= wanted[row, column]
-    return found != 0
+def _take_inner_patch(now, top, left, patch, slopes_x, slopes_y):
+    """Do the same for a patch that lies a pixel from the edge or farther."""
+    half = np.float32(0.5)
+    for y in range(SIDE):
+        row = top + y
+        above, own, below = now[row - 1, left:], now[row, left - 1 :], now[row + 1, left:]
+        for x in range(SIDE):
+            at = y * SIDE + x
+            patch[at] = own[x + 1]
+            slopes_x[at] = half * (own[x + 2] - own[x])
+            slopes_y[at] = half * (below[x] - above[x])
 
 
 @njit(**LEAN)
-def _fit_patches(now, before, wanted, coarser, patch, of_x, of_y, motion, is_asked):
+def _join_rows(wanted, top, columns):
+    """Write which columns of some rows hold a pixel that is asked for."""
+    for x in range(columns.size):
+        columns[x] = wanted[top, x]
+    for row in range(top + 1, top + SIDE):
+        own = wanted[row]
+        for x in range(columns.size):
+            columns[x] |= own[x]
+
+
+@njit(**LEAN)
+def _fit_patches(now, before, wanted, coarser, patches, found, columns, motion, is_asked):
     """Write where the patches asked for are found, and which they are."""
     height, width = now.shape
     pitch = width + 2 * MARGIN
     share = np.float32(1.0 / SIDE**2)
+    size = SIDE * SIDE
+    patch, of_x, of_y = patches[:size], patches[size : 2 * size], patches[2 * size :]
     two, settled = np.float32(2.0), np.float32(SETTLED**2)
     for row in range(is_asked.shape[0]):
         top = min(row * SPACING, height - SIDE)
+        _join_rows(wanted, top, columns)
         for column in range(is_asked.shape[1]):
             left = min(column * SPACING, width - SIDE)
-            if not _is_wanted(wanted, top, left):
+            found_one = np.uint8(0)
+            for x in range(left, left + SIDE):
+                found_one |= columns[x]
+            if found_one == 0:
                 continue
             is_asked[row, column] = True
-            _take_patch(now, top, left, patch, of_x, of_y)
+            if 0 < top < height - SIDE and 0 < left < width - SIDE:
+                _take_inner_patch(now, top, left, patch, of_x, of_y)
+            else:
+                _take_patch(now, top, left, patch, of_x, of_y)
             sum_x = sum_y = xx = xy = yy = np.float32(0.0)
-            for k in range(SIDE * SIDE):
+            for k in range(size):
                 sum_x += of_x[k]
                 sum_y += of_y[k]
                 xx += of_x[k] * of_x[k]
@@ -218,9 +214,9 @@ def _fit_patches(now, before, wanted, coarser, patch, of_x, of_y, motion, is_ask
                 try_v = min(max(try_v, np.float32(least_v)), np.float32(most_v))
                 whole_u, whole_v = np.int64(np.floor(try_u)), np.int64(np.floor(try_v))
                 at = (top + MARGIN + whole_v) * pitch + left + MARGIN + whole_u
-                found = _compare(
+                compare_patch(
                     before, at, pitch, np.float32(try_u - whole_u), np.float32(try_v - whole_v),
-                    patch, of_x, of_y,
+                    patches, found,
                 )  # fmt: skip
                 left_over = found[1] - found[0] * found[0] * share
                 if left_over < best:
@@ -234,11 +230,15 @@ def _fit_patches(now, before, wanted, coarser, patch, of_x, of_y, motion, is_ask
 
 
 @njit(**LEAN)
-def _spread(now, before, motion, is_asked, weights, found):
-    """Write the mean motion of the patches over each pixel, by how well they match in it."""
+def _spread(now, before, motion, is_asked, sums, found):
+    """Write the mean motion of the patches over each pixel, by how well they match in it.
+
+    ``sums``, (3, SIDE · W) float32, zero, hold what the patches of a row give, and what those of
+    the row before gave to the same pixels: weights, and these times the motion along x and y.
+    """
     height, width = now.shape
     pitch = width + 2 * MARGIN
-    one = np.float32(1.0)
+    pixels, flat = now.reshape(-1), sums.reshape(-1)
     for row in range(is_asked.shape[0]):
         top = min(row * SPACING, height - SIDE)
         for column in range(is_asked.shape[1]):
@@ -247,24 +247,38 @@ def _spread(now, before, motion, is_asked, weights, found):
             left = min(column * SPACING, width - SIDE)
             u, v = motion[row, column, 0], motion[row, column, 1]
             whole_u, whole_v = np.int64(np.floor(u)), np.int64(np.floor(v))
-            across, down = np.float32(u - whole_u), np.float32(v - whole_v)
-            here, right = (one - across) * (one - down), across * (one - down)
-            below, beyond = (one - across) * down, across * down
             at = (top + MARGIN + whole_v) * pitch + left + MARGIN + whole_u
-            for y in range(SIDE):
-                upper = before[at + y * pitch : at + y * pitch + SIDE + 1]
-                lower = before[at + (y + 1) * pitch : at + (y + 1) * pitch + SIDE + 1]
-                own = now[top + y, left:]
-                weight, out = weights[top + y, left:], found[top + y, left:]
-                for x in range(SIDE):
-                    away = here * upper[x] + right * upper[x + 1]
-                    away += below * lower[x] + beyond * lower[x + 1] - own[x]
-                    share = one / (one + away * away)
-                    weight[x] += share
-                    out[x, 0] += share * u
-                    out[x, 1] += share * v
-    for row in range(height):
-        for column in range(width):
-            if weights[row, column] > 0:
-                found[row, column, 0] /= weights[row, column]
-                found[row, column, 1] /= weights[row, column]
+            add_shares(
+                before, at, pitch, np.float32(u - whole_u), np.float32(v - whole_v), pixels,
+                top * width + left, width, u, v, flat, left, sums.shape[1],
+            )  # fmt: skip
+        # patches to come do not reach above the next row of them
+        is_last = row == is_asked.shape[0] - 1
+        done = SIDE if is_last else min((row + 1) * SPACING, height - SIDE) - top
+        for y in range(done):
+            part = slice(y * width, (y + 1) * width)
+            _divide(sums[0, part], sums[1, part], sums[2, part], found[top + y].reshape(-1))
+        for plane in range(3):
+            _move_up(sums[plane], done * width)
+
+
+@njit(**LEAN)
+def _move_up(row, size):
+    """Let what lies so far on in a row begin it, and nothing follow."""
+    for x in range(row.size - size):
+        row[x] = row[x + size]
+    for x in range(row.size - size, row.size):
+        row[x] = 0
+
+
+@njit(**LEAN)
+def _divide(weights, along, down, out):
+    """Write sums of motions over those of their weights, x and y in turn; zero where is none."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for x in range(weights.size):
+        # without a branch, many at once
+        weight = weights[x]
+        weights[x] = one / weight if weight > zero else zero
+    for x in range(weights.size):
+        out[2 * x] = along[x] * weights[x]
+        out[2 * x + 1] = down[x] * weights[x]

@@ -256,3 +256,30 @@ def average_row(now, before, frames, begins, most, mean, count):
         count[x] = one if begins[x] else goes_on
     for x in range(now.size):
         mean[x] = before[x] + (now[x] - before[x]) / count[x]
+
+
+@njit(**LEAN)
+def take_frames(before, restored, count, again, frames):
+    """Write of how many frames pixels were the mean when a target was made of all views.
+
+    Parameters
+    ----------
+    before : (H, W) float32
+        The same after the frame before; it counts where ``restored`` is infinite, else nothing.
+    restored : (H, W) float32
+        See ``reconstruction.alone.Restored.frames``.
+    count : (H, W) float32
+        Of how many frames the pixels are the mean now.
+    again : (H, W) bool
+        Where that counts.
+    frames : (H, W) float32
+        Overwritten.
+    """
+    never, nothing = np.float32(np.inf), np.float32(0.0)
+    for row in range(frames.shape[0]):
+        own, alone, out = before[row], restored[row], frames[row]
+        now, marks = count[row], again[row]
+        # without a branch, many at once
+        for x in range(out.size):
+            kept = own[x] if alone[x] == never else nothing
+            out[x] = now[x] if marks[x] else kept

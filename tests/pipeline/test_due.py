@@ -24,7 +24,7 @@ def test_what_is_begun_before_it_is_known_how_many_views_there_are_is_the_same()
 def test_what_is_ripe_has_every_turn_and_the_rest_one_of_a_few():
     wanted, ripe = np.random.default_rng(1).random((2, *SHAPE)) < 0.5
     numbers = range(EVERY, EVERY * (1 + SELDOM))
-    parts = [in_turn_or_seldom(wanted, ripe, EVERY, number) for number in numbers]
+    parts = [in_turn_or_seldom(wanted, ripe.__getitem__, EVERY, number) for number in numbers]
     count = np.sum(parts, axis=0)
     np.testing.assert_array_equal(count[wanted & ripe], SELDOM)
     np.testing.assert_array_equal(count[wanted & ~ripe], 1)

@@ -113,6 +113,14 @@ def test_taps_stand_where_the_picture_shows_them():
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
+@pytest.mark.parametrize("box", [np.s_[0:30, 0:41], np.s_[0:1, 40:41], np.s_[9:22, 7:30]])
+def test_a_part_is_what_the_whole_has_there(box):
+    image, views = make_truth((30, 41)), make_truth((30, 41)) / 50
+    bank = _filters().of_all
+    found = bank.apply(image, views, inner=box)
+    np.testing.assert_array_equal(found, bank.apply(image, views)[box])
+
+
 def test_the_more_views_the_higher_the_class():
     image = make_truth((30, 41))
     classes = [

@@ -8,6 +8,7 @@ import pytest
 from pipeline.baselines import bicubic
 from pipeline.grid import Grid, Sampling
 from pipeline.metrics import psnr
+from pipeline.reconstruction.parts import on_hr_grid
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.reconstruction.restoration import restoration_of, restored
 from pipeline.threads import set_threads, thread_count
@@ -64,6 +65,15 @@ def test_it_knows_how_rough_noise_becomes(magnification, sampling):
     inner = made[20:-20, 20:-20]
     found = np.mean([np.square(np.diff(inner, axis=axis)).mean() for axis in (0, 1)])
     assert found == pytest.approx(9 * restoration.roughness, rel=0.05)
+
+
+@pytest.mark.parametrize(("magnification", "sampling"), PHASES)
+@pytest.mark.parametrize("box", [np.s_[0:40, 0:53], np.s_[0:1, 52:53], np.s_[9:31, 2:50]])
+def test_a_part_is_what_the_whole_has_there(magnification, sampling, box):
+    grid, view = make_grid(*magnification, sampling), make_truth((40, 53))
+    restoration = restoration_of(view, grid, GaussianPsf.of(1.0), 2.0)
+    expected = restoration.apply(view, grid)[on_hr_grid(box, grid)]
+    np.testing.assert_array_equal(restoration.apply(view, grid, box), expected)
 
 
 def test_one_thread_or_two_give_the_same_bits():
