@@ -26,6 +26,7 @@ from pipeline.reconstruction.fused import (
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.pocs import pocs
 from pipeline.reconstruction.psf import Psf, psf_axes, sampling_taps
+from pipeline.reconstruction.system import NUM_BANDS
 from pipeline.registration.records import ViewRegistration
 from pipeline.results import (
     Colour,
@@ -270,10 +271,13 @@ def _solve(
     if settings.solver != Solver.FUSED:
         return _solve_by_pocs(frame, registered, start, residual_threshold, stop)
     begun = frame.begun[target]() if start is None and target in frame.begun else None
+    # several targets go side by side, so that their bands do not; few steps need no asking to stop
+    is_one_band = frame.has_moved and len(frame.targets) > 1
     return fuse(
         registered, settings.grid, frame.frame.lr_shape, frame.psf, noise=frame.noise,
         residual_threshold=residual_threshold, stop=stop, start=start, begun=begun,
         tuning=tuning_of(frame, len(registered), start), learned=learned, most_steps=steps,
+        most_bands=1 if is_one_band else NUM_BANDS,
     )  # fmt: skip
 
 

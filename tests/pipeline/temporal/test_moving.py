@@ -84,6 +84,19 @@ def test_no_frame_is_worse_than_cold_and_the_report_says_what_happened(wide):
             assert number == 0 or target.iterations <= MOVED.together
 
 
+def test_on_another_number_of_threads_no_pixel_changes(wide):
+    frames, before, results = [_panned(wide, number) for number in range(2)], thread_count(), []
+    try:
+        for threads in (1, 2):
+            worker = Worker(replace(_settings(), threads=threads), targets=EYES)
+            results.append([worker.take(frame) for frame in frames][1])
+    finally:
+        set_threads(before)
+    assert all(target.start.has_moved for target in results[0].report.targets)
+    for eye in EYES:
+        np.testing.assert_array_equal(*(result.images[eye].luma for result in results))
+
+
 def test_a_small_fast_thing_before_a_moving_camera_leaves_no_ghost(wide):
     side, top = 6, 60
 
