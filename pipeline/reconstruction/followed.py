@@ -144,17 +144,20 @@ def _moved_here(
         What lies farther from them is not written, LR pixels.
     """
     predicted = np.empty_like(shown)
-    for box in boxes:
-        place = on_hr_grid(widened(box, wanted.shape, reach), grid)
-        predicted[place] = shown[place]
+    wide = [widened(box, wanted.shape, reach) for box in boxes]
     # writable, for one compilation
     other = np.require(other, requirements="W")
 
     def move(top: int) -> None:
+        bottom = min(top + BAND, len(wanted))
+        for rows, columns in wide:
+            part = slice(max(rows.start, top), min(rows.stop, bottom))
+            if part.start < part.stop:
+                place = on_hr_grid((part, columns), grid)
+                predicted[place] = shown[place]
         _move(
-            other, flow, wanted, top, min(top + BAND, len(wanted)), grid.magnification_x,
-            grid.magnification_y, np.float32(grid.offset_x), np.float32(grid.offset_y), _taps(),
-            predicted,
+            other, flow, wanted, top, bottom, grid.magnification_x, grid.magnification_y,
+            np.float32(grid.offset_x), np.float32(grid.offset_y), _taps(), predicted,
         )  # fmt: skip
 
     map_threads(move, range(0, len(wanted), BAND))

@@ -221,7 +221,8 @@ def _padded_and_kinds(
     width -= left
     padded = np.empty((hi - lo + 2 * halo, width + 2 * RADIUS + 2 * LANES), np.float32)
     filter_kernels.pad(image, lo - halo, hi + halo, left, width, RADIUS, 0.0, 255.0, padded)
-    kinds = np.zeros((hi - lo, width + WIDE), np.int16)
+    kinds = np.empty((hi - lo, width + WIDE), np.int16)
+    kinds[:, width:] = 0
     filter_kernels.classify(
         padded, RADIUS, left, width, image.shape[0], lo, hi, _window(),
         image if views is None else views, int(views is not None), kinds,
