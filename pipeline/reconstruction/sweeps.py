@@ -31,6 +31,7 @@ from pipeline.reconstruction.rows import (
     dot_row,
     make_lines,
     make_room,
+    mirror,
     sum_row,
     whole,
 )
@@ -493,17 +494,17 @@ def advance(step, direction, more, towards, level, lo, hi, estimate, out):
 
 
 @njit(**OPTIONS)
-def blur_band(image, taps_x, taps_y, lo, hi, out):
-    """Write the blurred image into rows ``lo`` to ``hi`` of (KH, KW) float32."""
+def blur_band(image, taps_x, taps_y, lo, hi, margin, out):
+    """Write the blurred image into rows ``lo`` to ``hi`` of float32, with so many pixels around."""
     width, lines = image.shape[1], 2 * taps_y.size - 1
     _blur_band(
-        image, taps_x, taps_y, lo, hi, out, make_lines(lines, whole(width)),
+        image, taps_x, taps_y, lo, hi, margin, out, make_lines(lines, whole(width)),
         make_room(width, taps_x.size - 1),
     )  # fmt: skip
 
 
 @njit(**LEAN)
-def _blur_band(image, taps_x, taps_y, lo, hi, out, blurred, room):
+def _blur_band(image, taps_x, taps_y, lo, hi, margin, out, blurred, room):
     height, width = image.shape
     reach, lines = taps_y.size - 1, blurred.shape[0]
     end_blurred, next_blurred = min(height, hi + reach), max(0, lo - reach)
@@ -511,4 +512,18 @@ def _blur_band(image, taps_x, taps_y, lo, hi, out, blurred, room):
         while next_blurred < min(end_blurred, y + reach + 1):
             blur_row(image[next_blurred], taps_x, room, blurred[next_blurred % lines])
             next_blurred += 1
-        blur_ring(blurred, y, taps_y, height, width, out[y])
+        blur_ring(blurred, y, taps_y, height, width, out[y + margin, margin:])
+
+
+@njit(**LEAN)
+def reflect_margin(margin, image):
+    """Write so many pixels around what lies inside, which is reflected about its edge."""
+    height, width = image.shape[0] - 2 * margin, image.shape[1] - 2 * margin
+    for y in range(margin, margin + height):
+        own, row = image[y, margin : margin + width], image[y]
+        for k in range(margin):
+            row[k] = own[mirror(k - margin, width)]
+            row[margin + width + k] = own[mirror(width + k, width)]
+    for k in range(margin):
+        copy_row(image[margin + mirror(k - margin, height)], image[k])
+        copy_row(image[margin + mirror(height + k, height)], image[margin + height + k])

@@ -294,7 +294,7 @@ class NormalEquations:
         """Write Bᵀ (b − M B x) of an estimate, ``image`` being its difference to the level."""
         if estimate is self._origin:
             map_threads(
-                lambda band: sweeps.blur_band(self._rhs, *self._along, *band, residual),
+                lambda band: sweeps.blur_band(self._rhs, *self._along, *band, 0, residual),
                 self._bands,
             )
             return
@@ -403,10 +403,12 @@ def simulate(
 def spline_coefficients(estimate: HrImage, taps: SeparableTaps) -> HrImage:
     """Return B times the estimate, with ``PAD`` pixels around it, reflected about its edge."""
     along = _halves(taps)
-    out = np.empty(estimate.shape, np.float32)
+    height, width = estimate.shape
+    out = np.empty((height + 2 * PAD, width + 2 * PAD), np.float32)
     image = np.ascontiguousarray(estimate, np.float32)
-    map_threads(lambda band: sweeps.blur_band(image, *along, *band, out), bands(estimate.shape[0]))
-    return cv2.copyMakeBorder(out, PAD, PAD, PAD, PAD, cv2.BORDER_REFLECT)
+    map_threads(lambda band: sweeps.blur_band(image, *along, *band, PAD, out), bands(height))
+    sweeps.reflect_margin(PAD, out)
+    return out
 
 
 def sample(coefficients: HrImage, x: HrImage, y: HrImage) -> npt.NDArray[np.float32]:
