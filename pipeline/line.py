@@ -133,6 +133,7 @@ class Line:
             num_views=len(info.view_ids),
             num_eyes=len(self.work.plan.targets),
             has_depth=all(info.has_depth),
+            mixes=True,
         )
 
     def read_for(

@@ -30,8 +30,9 @@ more than there is time for, the controller goes down to the rung whose frames, 
 and by the work of either rung, have time enough: at once where the first frame of a rung costs a
 multiple of its time. It goes up only after a calm: to the rung that should have time enough, or,
 where a way up had to be taken back, to the next one, after a longer calm each time; until what that
-rung takes is there, frames are made on the one below. A frame that would be begun too late is
-dropped, and counted.
+rung takes is there, frames are made on the one below. Where nobody waits for a frame, time is used
+to the full: a rung may cost a little too much, and whenever that has made a frame late, two are
+made on one that catches up. A frame that would be begun too late is dropped, and counted.
 """
 
 from __future__ import annotations
@@ -63,24 +64,24 @@ frame of eight views; from processor times on the rendered rig."""
 REGISTRATION = 0.7
 """Share of a view's work that is registration."""
 
-CHANGED_ALONE, REFRESH_PER_VIEW = 0.06, 0.056
+CHANGED_ALONE, REFRESH_PER_VIEW = 0.072, 0.082
 """Work of a frame whose eyes are made of themselves alone where they change, and what each view
 adds if all that stands still is refreshed."""
 
 REFRESHED_SELDOM = 0.6
 """Share of that where an eye is alone or one of two has its turn: most of it has had it before."""
 
-KEPT, KEPT_PER_VIEW, KEPT_PER_STEP = 0.048, 0.0165, 0.013
+KEPT, KEPT_PER_VIEW, KEPT_PER_STEP = 0.073, 0.005, 0.005
 """What is added where what changes is made by kept motions, by each view that it is made of and by
 each step."""
 
-FOLLOWED = 0.04
+FOLLOWED = 0.055
 """What is added where what has changed is looked for in the frame before and the other eye."""
 
-IN_TURN = 0.5
+IN_TURN = 0.6
 """Share of what other views add where they are asked for one eye, in turn, and that is followed."""
 
-LANDED_PER_VIEW = 0.008
+LANDED_PER_VIEW = 0.013
 """What each view adds besides where that lands by its depth."""
 
 READ_PER_VIEW, DEPTH_PER_VIEW = 0.004, 0.009
@@ -132,10 +133,21 @@ loaded in a rehearsal."""
 AIM = 0.97
 """Share of the budget that a frame of the rung gone to should cost, at most."""
 
+MIXED, LEFT = 1.1, 1.25
+"""The same where two rungs are mixed, and the share from which a rung is left then: of two frames
+less than one would be made on it, where the other takes three quarters of its time."""
+
+CATCHING_UP = 2
+"""Frames that are made on a rung that catches up then, once one is later than ``LATE``: of two eyes
+that have their turn, neither more often than the other."""
+
+IN_A_ROW = 12
+"""Frames in a row on such a rung after which the stream goes down to it."""
+
 IN_VAIN = 0.05
 """Share of a frame's cost that going farther down must spare where no rung has time enough."""
 
-COLD = 2.0
+COLD = 2.3
 """What the first frame of a stream costs, which starts cold, over what the next ones do: a hint,
 measured after a rehearsal, so that no kernel is loaded in it."""
 
@@ -281,6 +293,9 @@ class Choice:
     """Seconds after its time."""
     waited: float = 0.0
     """Seconds that were waited for it beyond its time: what it comes from is too slow."""
+    catches_up: bool = False
+    """Whether it is made on a lower rung than the stream is on, since the last ones cost more than
+    their time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -334,6 +349,9 @@ class Controller:
         Eyes that are made, 1 or 2.
     has_depth : bool
         Whether all views have depth maps.
+    mixes : bool
+        Whether frames may be late by ``LATE`` and more, so that two rungs can share the time; False:
+        somebody waits for each.
 
     Raises
     ------
@@ -345,6 +363,7 @@ class Controller:
     num_views: int
     num_eyes: int = 2
     has_depth: bool = False
+    mixes: bool = False
     level: int = field(default=0, init=False)
     """Rung of the next frame."""
     dropped: int = field(default=0, init=False)
@@ -364,6 +383,10 @@ class Controller:
     """Since the last change of level."""
     _has_climbed: bool = field(default=False, init=False)
     """Whether the last change of level was a rung up."""
+    _catching_up: int = field(default=0, init=False)
+    """Frames that are still to be made on a rung that catches up."""
+    _in_a_row: int = field(default=0, init=False)
+    """Frames that have been made on it since the last one that was not."""
     _is_guess: bool = field(default=True, init=False)
     """Whether no frame yet has told what frames cost, by having fitted into its time."""
 
@@ -412,8 +435,16 @@ class Controller:
         if drop:
             self.dropped += 1
             self._has_dropped = True
-        level = max(self.level, highest)
-        return Choice(drop=drop, level=level, rung=self._rungs[level], late=late)
+        if self.mixes and late > LATE * self.budget and not self._catching_up:
+            self._catching_up = CATCHING_UP
+        own = max(self.level, highest)
+        level = own
+        if self._catching_up and not drop:
+            self._catching_up -= 1
+            level = max(own, self._level_that_catches_up())
+        return Choice(
+            drop=drop, level=level, rung=self._rungs[level], late=late, catches_up=level > own
+        )  # fmt: skip
 
     def end(self, choice: Choice, seconds: float, worked: float | None = None) -> None:
         """Learn what a frame cost that was not dropped.
@@ -429,6 +460,14 @@ class Controller:
             Those of them that the worker took; of the others the rung decides on the reading alone.
             Default: it decides on all.
         """
+        if choice.catches_up:
+            self._frames[choice.level] += 1
+            self._since_up += 1
+            self._in_a_row += 1
+            if self._in_a_row >= IN_A_ROW:
+                self._move(choice.level)
+            return
+        self._in_a_row = 0
         if choice.level != self._made:
             self._costs, self._beside, self._made = [], [], choice.level
         if worked is not None:
@@ -451,7 +490,7 @@ class Controller:
             return
         self._since_up += 1
         mean = statistics.fmean(min(cost, FAR_TOO_MUCH) for cost in self._costs)
-        is_calm = mean < LITTLE or self._above(mean) <= AIM
+        is_calm = mean < LITTLE or self._above(mean) <= self._aim
         self._calm = self._calm + 1 if is_calm else 0
         load = self._load()
         was_guess, self._is_guess = self._is_guess, self._is_guess and cost > TOO_MUCH
@@ -467,7 +506,11 @@ class Controller:
         """Return the share of the budget that frames take; 0 where it is too early to tell."""
         if len(self._costs) >= JUDGED:
             load = statistics.median(self._costs[-JUDGED:])
-            if self._has_dropped or not TOO_MUCH < load <= HARDLY_TOO_MUCH:
+            if self._has_dropped or load <= TOO_MUCH:
+                return load
+            if self.mixes:
+                return load if load > LEFT else TOO_MUCH
+            if load > HARDLY_TOO_MUCH:
                 return load
             longer = statistics.median(self._costs)
             is_in_time = longer <= BARELY_TOO_MUCH and self._late <= LATE
@@ -498,8 +541,21 @@ class Controller:
             Share of the budget that frames take at the rung ``level``.
         """
         costs = self._expected(load, level)
-        bound = max(AIM, (1 + IN_VAIN) * costs[-1])
+        bound = max(self._aim, (1 + IN_VAIN) * costs[-1])
         return next(level for level in range(highest, len(costs)) if costs[level] <= bound)
+
+    @property
+    def _aim(self) -> float:
+        """Share of the budget that a frame of a rung gone to should cost, at most."""
+        return MIXED if self.mixes and not self._has_dropped else AIM
+
+    def _level_that_catches_up(self) -> int:
+        """Return the next rung whose frames should leave time over; this one, if not known."""
+        if not self._costs:
+            return self.level
+        costs = self._expected(statistics.median(self._costs), self.level)
+        levels = range(self.level, len(costs))
+        return next((level for level in levels if costs[level] <= AIM), levels[-1])
 
     def _expected(self, load: float, level: int) -> list[float]:
         """Return the share of the budget that frames should take on each rung."""
@@ -522,7 +578,7 @@ class Controller:
 
     def _calm_before_up(self, load: float) -> int:
         """Return how many calm frames are asked for: most where a rung up should be too much."""
-        return LONGEST_CALM if self._above(load) > TOO_MUCH else self._calm_needed
+        return LONGEST_CALM if self._above(load) > max(TOO_MUCH, self._aim) else self._calm_needed
 
     def _higher(self, load: float) -> int:
         """Return the rung to go up to: the next one, or the highest that should have time enough.
@@ -536,6 +592,7 @@ class Controller:
     def _move(self, level: int, *, climbs: bool = False) -> None:
         self.level, self._costs, self._calm = level, [], 0
         self._has_dropped, self._has_climbed = False, climbs
+        self._catching_up = self._in_a_row = 0
 
 
 def paced(

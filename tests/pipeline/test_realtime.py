@@ -17,10 +17,12 @@ from pipeline.realtime import (
     FAR_TOO_MUCH,
     FILLING,
     HARDLY_TOO_MUCH,
+    IN_A_ROW,
     IN_VAIN,
     JUDGED,
     JUDGED_LONGER,
     LATE,
+    LEFT,
     LITTLE,
     LONGEST_CALM,
     PATIENCE,
@@ -35,8 +37,8 @@ RATE = 10.0
 BUDGET = 1 / RATE
 
 
-def _controller(num_views=8):
-    return Controller(rate=RATE, num_views=num_views)
+def _controller(num_views=8, *, mixes=False):
+    return Controller(rate=RATE, num_views=num_views, mixes=mixes)
 
 
 def _run(controller, costs):
@@ -49,7 +51,7 @@ def _run(controller, costs):
     return levels
 
 
-def _watched(loads, *, first, count=60):
+def _watched(loads, *, first, count=60, mixes=False):
     """Return the controller and the choices of a stream whose frames cost by their rung.
 
     Parameters
@@ -59,7 +61,7 @@ def _watched(loads, *, first, count=60):
     first : float
         The same of the first frame.
     """
-    clock, controller, choices = Clock(), _controller(), []
+    clock, controller, choices = Clock(), _controller(mixes=mixes), []
     for number, choice in paced(range(count), controller, clock):
         choices.append(choice)
         if not choice.drop:
@@ -457,6 +459,54 @@ def test_whatever_happens_it_stays_on_the_ladder_and_counts_every_frame(happened
 def test_whatever_a_frame_costs_the_stream_does_not_fall_behind(load, count):
     """The stream ends in time, but for the first frame and the last."""
     clock, controller = Clock(), _controller()
+    for _, choice in paced(range(count), controller, clock):
+        if not choice.drop:
+            clock.now += load * BUDGET * 0.8**choice.level
+    assert clock.now <= (load + count + PATIENCE + load) * BUDGET + 1e-6
+    assert controller.dropped + sum(controller.account.frames_by_rung.values()) == count
+
+
+@given(st.floats(1.01, 0.99 * LEFT))
+def test_two_rungs_share_what_neither_fills_by_itself(load):
+    """What costs a little too much is kept; frames that are made late by it make good for it."""
+    works = _works()
+    controller, choices = _watched(
+        [load * work for work in works], first=0.0, count=600, mixes=True
+    )
+    kept = [choice for choice in choices if choice.level == 0]
+    others = [choice for choice in choices if choice.level > 0]
+    assert controller.level == 0
+    assert controller.dropped == 0
+    assert max(choice.late for choice in choices) <= (LATE + load) * BUDGET
+    assert all(choice.catches_up for choice in others)
+    cheap = max(load * works[choice.level] for choice in others)
+    assert load * len(kept) + cheap * len(others) > len(choices) * 0.97, "no time is left over"
+    # of two eyes that have their turn, either as often
+    odd = sum(number % 2 for number, choice in enumerate(choices) if choice.level == 0)
+    assert abs(odd / len(kept) - 0.5) < 0.1
+
+
+def test_where_somebody_waits_for_frames_none_catches_up():
+    _, choices = _watched([1.1 * work for work in _works()], first=0.0, count=200)
+    assert not any(choice.catches_up for choice in choices)
+
+
+def test_where_frames_do_not_catch_up_the_stream_goes_down():
+    """What the rung below should cost was wrong: it takes as long."""
+    loads = [1.2] * 6 + [0.5] * 20
+    controller, choices = _watched(loads, first=0.0, count=300, mixes=True)
+    assert controller.level >= 5  # which the next one makes good for
+    tail = choices[-100:]
+    assert not any(choice.drop for choice in tail)
+    in_a_row = [
+        sum(1 for _ in run) for up, run in itertools.groupby(c.catches_up for c in choices) if up
+    ]
+    assert max(in_a_row) <= IN_A_ROW
+
+
+@given(st.floats(0.1, 20), st.integers(1, 200))
+def test_a_stream_that_mixes_rungs_does_not_fall_behind(load, count):
+    clock, controller = Clock(), _controller(mixes=True)
     for _, choice in paced(range(count), controller, clock):
         if not choice.drop:
             clock.now += load * BUDGET * 0.8**choice.level
