@@ -4,17 +4,38 @@ numba reads ``NUMBA_CACHE_DIR`` once, when it is imported, so that this module
 must run first and must not import numba itself. numba uses no folder that it
 cannot write; a cache built ahead and installed read-only is therefore copied to
 where the user may write.
+
+numba asks of a kernel's own file alone whether it has changed, not of those with what is
+compiled into it. So each edition of the sources has a folder of its own.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import hashlib
 import os
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import MutableMapping
 from pathlib import Path
+
+KEPT = 60 * 86400
+"""Seconds for which the kernels of an edition are kept that nobody has used."""
+
+
+@functools.cache
+def edition() -> str:
+    """Return what tells the sources of these kernels from others: a digest of all that compile."""
+    digest = hashlib.sha256()
+    package = Path(__file__).parent
+    for path in sorted(package.rglob("*.py")):
+        source = path.read_bytes()
+        if b"numba" in source:
+            digest.update(str(path.relative_to(package)).encode() + b"\0" + source + b"\0")
+    return digest.hexdigest()[:16]
 
 
 def user_folder(environment: MutableMapping[str, str]) -> Path:
@@ -29,8 +50,9 @@ def prepare_numba_cache(environment: MutableMapping[str, str] = os.environ) -> P
     """Point numba at the cache folder, and return it; a ``NUMBA_CACHE_DIR`` that is set stays.
 
     In this order: ``DEPTHSR_CACHE``/numba where it can be written, the user's
-    cache folder, a temporary folder. What a read-only ``DEPTHSR_CACHE`` holds is
-    copied to the folder chosen.
+    cache folder, a temporary folder; in each, that of this edition. What a read-only
+    ``DEPTHSR_CACHE`` holds of it is copied there, and others that have not been used for
+    long are removed.
     """
     chosen = environment.get("NUMBA_CACHE_DIR")
     if chosen:
@@ -38,11 +60,13 @@ def prepare_numba_cache(environment: MutableMapping[str, str] = os.environ) -> P
     own = environment.get("DEPTHSR_CACHE")
     built_ahead = Path(own) / "numba" if own else None
     if built_ahead is not None and _can_write(built_ahead):
-        folder = built_ahead
+        folder = built_ahead / edition()
     else:
-        folder = _user_cache(environment)
-        if built_ahead is not None:
-            _copy_missing(built_ahead, folder)
+        folder = _user_cache(environment) / edition()
+    folder.mkdir(mode=0o700, exist_ok=True)
+    _remove_unused(folder)
+    if built_ahead is not None:
+        _copy_missing(built_ahead / edition(), folder)
     environment["NUMBA_CACHE_DIR"] = str(folder)
     if environment is os.environ and "numba" in sys.modules:
         # Too late for the variable: tell the module, which has read it already.
@@ -77,6 +101,15 @@ def _is_ours(folder: Path) -> bool:
         return True
     status = folder.lstat()
     return status.st_uid == os.getuid() and not status.st_mode & 0o022
+
+
+def _remove_unused(folder: Path) -> None:
+    """Remove what lies beside a folder that is used and has not been for long itself."""
+    with contextlib.suppress(OSError):
+        os.utime(folder)
+        for other in folder.parent.iterdir():
+            if other.is_dir() and time.time() - other.stat().st_mtime > KEPT:
+                shutil.rmtree(other, ignore_errors=True)
 
 
 def _copy_missing(source: Path, target: Path) -> None:

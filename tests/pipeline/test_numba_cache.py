@@ -1,15 +1,17 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
 
 from pipeline import numba_cache
-from pipeline.numba_cache import prepare_numba_cache
+from pipeline.numba_cache import KEPT, edition, prepare_numba_cache
 from tests.support.waiting import PATIENCE
 
 
@@ -30,8 +32,8 @@ def test_a_folder_that_is_set_stays(tmp_path):
 def test_folder_follows_the_environment(tmp_path, variable, below):
     environment = {variable: str(tmp_path)}
     folder = prepare_numba_cache(environment)
-    assert folder == tmp_path / below
-    assert environment["NUMBA_CACHE_DIR"] == str(tmp_path / below)
+    assert folder == tmp_path / below / edition()
+    assert environment["NUMBA_CACHE_DIR"] == str(folder)
     assert folder.is_dir()
     assert list(folder.iterdir()) == []
 
@@ -41,8 +43,8 @@ def test_where_nothing_can_be_written_a_temporary_folder_serves(tmp_path, monkey
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
     folder = prepare_numba_cache({"HOME": str(tmp_path / "file")})
-    assert folder.parent == tmp_path / "tmp"
-    assert not folder.stat().st_mode & 0o077
+    assert folder.parent.parent == tmp_path / "tmp"
+    assert not folder.parent.stat().st_mode & 0o077
 
 
 def test_a_temporary_folder_of_somebody_else_is_not_trusted(tmp_path, monkeypatch):
@@ -51,11 +53,11 @@ def test_a_temporary_folder_of_somebody_else_is_not_trusted(tmp_path, monkeypatc
     open_to_all = tmp_path / f"depthsr-numba-{os.getuid()}"
     open_to_all.mkdir()
     open_to_all.chmod(0o777)
-    assert prepare_numba_cache({"HOME": str(tmp_path / "file")}) != open_to_all
+    assert prepare_numba_cache({"HOME": str(tmp_path / "file")}).parent != open_to_all
 
 
 def test_what_a_read_only_installation_holds_is_taken_along(tmp_path, monkeypatch):
-    built_ahead = tmp_path / "installed" / "numba" / "pipeline_1"
+    built_ahead = tmp_path / "installed" / "numba" / edition() / "pipeline_1"
     built_ahead.mkdir(parents=True)
     (built_ahead / "kernel.nbi").write_bytes(b"index")
     (built_ahead / "kernel.1.nbc").write_bytes(b"code")
@@ -67,8 +69,46 @@ def test_what_a_read_only_installation_holds_is_taken_along(tmp_path, monkeypatc
     )
     environment = {"DEPTHSR_CACHE": str(tmp_path / "installed"), "HOME": str(tmp_path)}
     folder = prepare_numba_cache(environment)
-    assert folder == tmp_path / ".cache/depthsr/numba"
+    assert folder == tmp_path / ".cache/depthsr/numba" / edition()
     assert (folder / "pipeline_1/kernel.1.nbc").read_bytes() == b"code"
+
+
+def test_kernels_of_other_sources_are_not_taken_for_these(tmp_path):
+    """The file of a kernel is as it was; what is compiled into it from another one is not."""
+    package = tmp_path / "pipeline"
+    package.mkdir()
+    shutil.copy(numba_cache.__file__, package)
+    (package / "__init__.py").touch()
+    (package / "outer.py").write_text(
+        "import numba\nfrom pipeline.inner import part\n\n"
+        "@numba.njit(cache=True)\ndef whole(x):\n    return part(x)\n"
+    )
+    program = (
+        "from pipeline.numba_cache import prepare_numba_cache\n"
+        "prepare_numba_cache()\nfrom pipeline.outer import whole\nprint(whole(2))\n"
+    )
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA")}
+    environment |= {"DEPTHSR_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    said = []
+    for more in (1, 5, 1):
+        (package / "inner.py").write_text(
+            f"import numba\n\n@numba.njit\ndef part(x):\n    return x + {more}\n"
+        )
+        done = subprocess.run(
+            [sys.executable, "-B", "-c", program], env=environment, cwd=tmp_path, check=True,
+            capture_output=True, text=True, timeout=PATIENCE,
+        )  # fmt: skip
+        said.append(int(done.stdout))
+    assert said == [3, 7, 3]
+
+
+def test_what_has_not_been_used_for_long_is_removed(tmp_path):
+    environment = {"DEPTHSR_CACHE": str(tmp_path)}
+    for name, age in (("used", 0.9 * KEPT), ("unused", 1.1 * KEPT)):
+        (tmp_path / "numba" / name / "pipeline_1").mkdir(parents=True)
+        os.utime(tmp_path / "numba" / name, (time.time() - age,) * 2)
+    folder = prepare_numba_cache(environment)
+    assert {path.name for path in (tmp_path / "numba").iterdir()} == {"used", folder.name}
 
 
 def test_numba_writes_where_it_was_told_to(tmp_path):
