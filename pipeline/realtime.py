@@ -528,9 +528,11 @@ class Controller:
             self._calm_needed = min(2 * self._calm_needed, LONGEST_CALM)
         elif self._since_up > LONGEST_CALM:
             self._calm_needed = CALM
-        self._move(self._level_for(load, level, level))
+        # not below one that would not be left
+        most = LEFT if self._aim == MIXED else AIM
+        self._move(self._level_for(load, level, level, most))
 
-    def _level_for(self, load: float, level: int, highest: int) -> int:
+    def _level_for(self, load: float, level: int, highest: int, most: float | None = None) -> int:
         """Return the first rung from ``highest`` whose frames have time enough.
 
         Where none has, the first that costs hardly more than the last one.
@@ -539,9 +541,11 @@ class Controller:
         ----------
         load : float
             Share of the budget that frames take at the rung ``level``.
+        most : float, optional
+            That which they may take; default: as for a rung gone up to.
         """
         costs = self._expected(load, level)
-        bound = max(self._aim, (1 + IN_VAIN) * costs[-1])
+        bound = max(most or self._aim, (1 + IN_VAIN) * costs[-1])
         return next(level for level in range(highest, len(costs)) if costs[level] <= bound)
 
     @property
