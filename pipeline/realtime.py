@@ -64,14 +64,14 @@ frame of eight views; from processor times on the rendered rig."""
 REGISTRATION = 0.7
 """Share of a view's work that is registration."""
 
-CHANGED_ALONE, REFRESH_PER_VIEW = 0.072, 0.082
+CHANGED_ALONE, REFRESH_PER_VIEW = 0.083, 0.103
 """Work of a frame whose eyes are made of themselves alone where they change, and what each view
 adds if all that stands still is refreshed."""
 
 REFRESHED_SELDOM = 0.6
 """Share of that where an eye is alone or one of two has its turn: most of it has had it before."""
 
-KEPT, KEPT_PER_VIEW, KEPT_PER_STEP = 0.073, 0.005, 0.005
+KEPT, KEPT_PER_VIEW, KEPT_PER_STEP = 0.062, 0.005, 0.005
 """What is added where what changes is made by kept motions, by each view that it is made of and by
 each step."""
 
@@ -81,13 +81,13 @@ FOLLOWED = 0.055
 IN_TURN = 0.6
 """Share of what other views add where they are asked for one eye, in turn, and that is followed."""
 
-LANDED_PER_VIEW = 0.013
+LANDED_PER_VIEW = 0.015
 """What each view adds besides where that lands by its depth."""
 
 READ_PER_VIEW, DEPTH_PER_VIEW = 0.004, 0.009
 """Work of reading a view, and its depth map, where views other than the eyes are looked at."""
 
-ALONE = 0.05
+ALONE = 0.07
 """The same of one whose eyes are made of themselves alone."""
 
 BY_DEPTH_STEPS = 3
@@ -133,7 +133,7 @@ loaded in a rehearsal."""
 AIM = 0.97
 """Share of the budget that a frame of the rung gone to should cost, at most."""
 
-MIXED, LEFT = 1.1, 1.25
+MIXED, LEFT = 1.1, 1.18
 """The same where two rungs are mixed, and the share from which a rung is left then: of two frames
 less than one would be made on it, where the other takes three quarters of its time."""
 
@@ -142,12 +142,13 @@ CATCHING_UP = 2
 that have their turn, neither more often than the other."""
 
 IN_A_ROW = 12
-"""Frames in a row on such a rung after which the stream goes down to it."""
+"""Frames in a row on such a rung after which the stream goes down to it; or further, once two of
+them take more than their time."""
 
 IN_VAIN = 0.05
 """Share of a frame's cost that going farther down must spare where no rung has time enough."""
 
-COLD = 2.3
+COLD = 2.2
 """What the first frame of a stream costs, which starts cold, over what the next ones do: a hint,
 measured after a rehearsal, so that no kernel is loaded in it."""
 
@@ -245,12 +246,11 @@ def ladder(num_views: int, num_eyes: int = 2, *, has_depth: bool = False) -> tup
     each eye alone, what stands still made again
     each eye alone
 
-    >>> for rung in ladder(8, has_depth=True)[2:8]:
+    >>> for rung in ladder(8, has_depth=True)[2:7]:
     ...     print(rung)
     2 steps
     what changes lands by its depth
     3 steps, what changes lands by its depth, 6 views for what changes, of one eye in turn
-    3 steps, what changes lands by its depth, 4 views for what changes, of one eye in turn
     2 steps, motions kept, 6 views for what changes, of one eye in turn
     2 steps, motions kept, 4 views for what changes, of one eye in turn
     """
@@ -260,7 +260,7 @@ def ladder(num_views: int, num_eyes: int = 2, *, has_depth: bool = False) -> tup
     if num_views > 1 and has_depth:
         landed = replace(SWIFT, steps=BY_DEPTH_STEPS, in_turn=num_eyes > 1)
         efforts.append(SWIFT)
-        efforts += [replace(landed, views=views) for views in few] or [landed]
+        efforts.append(replace(landed, views=few[0]) if few else landed)
     elif num_views > 1:
         efforts += [replace(efforts[-1], register_every=every) for every in REGISTER_EVERY]
         efforts += [replace(efforts[-1], views=views) for views in few]
@@ -350,8 +350,8 @@ class Controller:
     has_depth : bool
         Whether all views have depth maps.
     mixes : bool
-        Whether frames may be late by ``LATE`` and more, so that two rungs can share the time; False:
-        somebody waits for each.
+        Whether frames may be late by ``LATE`` and more, so that two rungs can share the time;
+        False: somebody waits for each.
 
     Raises
     ------
@@ -387,14 +387,18 @@ class Controller:
     """Frames that are still to be made on a rung that catches up."""
     _in_a_row: int = field(default=0, init=False)
     """Frames that have been made on it since the last one that was not."""
-    _is_guess: bool = field(default=True, init=False)
-    """Whether no frame yet has told what frames cost, by having fitted into its time."""
+    _in_vain: int = field(default=0, init=False)
+    """How many of the last of these took more than their time."""
+    _guesses: int = field(default=1, init=False)
+    """How many frames that fit into their time are still to tell what frames cost."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.rate) and self.rate > 0):
             raise ConfigurationError(f"--rate: must be above 0 frames a second, not {self.rate}")
         self._rungs = ladder(self.num_views, self.num_eyes, has_depth=self.has_depth)
         self._frames = [0] * len(self._rungs)
+        if self.mixes:
+            self._guesses = JUDGED
 
     @property
     def budget(self) -> float:
@@ -450,7 +454,7 @@ class Controller:
         """Learn what a frame cost that was not dropped.
 
         The first one fills caches and starts cold: it says no more than where to begin, and the
-        first frame that fits into its time puts that right.
+        first frames that fit into their time put that right.
 
         Parameters
         ----------
@@ -461,13 +465,9 @@ class Controller:
             Default: it decides on all.
         """
         if choice.catches_up:
-            self._frames[choice.level] += 1
-            self._since_up += 1
-            self._in_a_row += 1
-            if self._in_a_row >= IN_A_ROW:
-                self._move(choice.level)
+            self._end_of_one_that_catches_up(choice, seconds / self.budget)
             return
-        self._in_a_row = 0
+        self._in_a_row = self._in_vain = 0
         if choice.level != self._made:
             self._costs, self._beside, self._made = [], [], choice.level
         if worked is not None:
@@ -493,14 +493,23 @@ class Controller:
         is_calm = mean < LITTLE or self._above(mean) <= self._aim
         self._calm = self._calm + 1 if is_calm else 0
         load = self._load()
-        was_guess, self._is_guess = self._is_guess, self._is_guess and cost > TOO_MUCH
-        if was_guess and cost <= TOO_MUCH and self._level_for(cost, self.level, 0) < self.level:
+        tells = cost <= TOO_MUCH and self._guesses > 0
+        self._guesses -= tells
+        if tells and self._level_for(cost, self.level, 0) < self.level:
             self._move(self._level_for(cost, self.level, 0), climbs=True)
         elif load > TOO_MUCH:
             self._down(load, self.level)
         elif self.level > 0 and self._calm >= self._calm_before_up(mean):
             self._move(self._higher(mean), climbs=True)
             self._since_up = 0
+
+    def _end_of_one_that_catches_up(self, choice: Choice, cost: float) -> None:
+        self._frames[choice.level] += 1
+        self._since_up += 1
+        self._in_a_row += 1
+        self._in_vain = self._in_vain + 1 if cost > TOO_MUCH else 0
+        if self._in_vain >= CATCHING_UP or self._in_a_row >= IN_A_ROW:
+            self._down(cost, choice.level)
 
     def _load(self) -> float:
         """Return the share of the budget that frames take; 0 where it is too early to tell."""
@@ -596,7 +605,7 @@ class Controller:
     def _move(self, level: int, *, climbs: bool = False) -> None:
         self.level, self._costs, self._calm = level, [], 0
         self._has_dropped, self._has_climbed = False, climbs
-        self._catching_up = self._in_a_row = 0
+        self._catching_up = self._in_a_row = self._in_vain = 0
 
 
 def paced(
