@@ -24,6 +24,7 @@ from pipeline.errors import ClusterError, Interrupted, SceneError
 from pipeline.events import Compiling, FrameFinished, SegmentFinished
 from pipeline.job import FrameRange, InputOptions, Job, OutputOptions
 from pipeline.media.media_sink import MediaSink
+from pipeline.numba_cache import edition
 from pipeline.run import run_job
 from pipeline.stop import StopFlag
 from pipeline.synthetic import SampleScene, write_scene
@@ -105,7 +106,7 @@ def test_a_worker_keeps_what_it_compiles_where_every_process_does(tmp_path):
         [sys.executable, "-c", program, call], check=True, timeout=PATIENCE, text=True,
         stdout=subprocess.PIPE, cwd=ROOT, env={**environment, "DEPTHSR_CACHE": str(tmp_path)},
     )  # fmt: skip
-    assert Path(done.stdout.strip()) == tmp_path / "numba"
+    assert Path(done.stdout.strip()) == tmp_path / "numba" / edition()
 
 
 def test_a_worker_killed_in_the_middle_costs_a_retry_and_no_bit(cluster, manifest, local, tmp_path):
