@@ -15,6 +15,7 @@ import contextlib
 import functools
 import hashlib
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -28,13 +29,20 @@ KEPT = 60 * 86400
 
 @functools.cache
 def edition() -> str:
-    """Return what tells the sources of these kernels from others: a digest of all that compile."""
+    """Return what tells the sources of these kernels from others.
+
+    A digest of the modules with kernels, and of those that they import, whose constants are
+    compiled into them.
+    """
+    root = Path(__file__).parents[1]
+    sources = {path: path.read_bytes() for path in root.joinpath("pipeline").rglob("*.py")}
+    asked = {path for path, source in sources.items() if b"njit" in source}
+    for source in [sources[path] for path in asked]:
+        names = re.findall(rb"^from (pipeline[.\w]*) import", source, re.MULTILINE)
+        asked |= {root.joinpath(*name.decode().split(".")).with_suffix(".py") for name in names}
     digest = hashlib.sha256()
-    package = Path(__file__).parent
-    for path in sorted(package.rglob("*.py")):
-        source = path.read_bytes()
-        if b"numba" in source:
-            digest.update(str(path.relative_to(package)).encode() + b"\0" + source + b"\0")
+    for path in sorted(asked & sources.keys()):
+        digest.update(str(path.relative_to(root)).encode() + b"\0" + sources[path] + b"\0")
     return digest.hexdigest()[:16]
 
 

@@ -134,8 +134,8 @@ AIM = 0.97
 """Share of the budget that a frame of the rung gone to should cost, at most."""
 
 MIXED, LEFT = 1.1, 1.18
-"""The same where two rungs are mixed, and the share from which a rung is left then: of two frames
-less than one would be made on it, where the other takes three quarters of its time."""
+"""The same where two rungs are mixed, and the share from which a rung is left then: mixed with one
+that costs so much less, it loses more than the next one below it does."""
 
 CATCHING_UP = 2
 """Frames that are made on a rung that catches up then, once one is later than ``LATE``: of two eyes
@@ -515,12 +515,11 @@ class Controller:
         """Return the share of the budget that frames take; 0 where it is too early to tell."""
         if len(self._costs) >= JUDGED:
             load = statistics.median(self._costs[-JUDGED:])
-            if self._has_dropped or load <= TOO_MUCH:
+            bound = LEFT if self.mixes else HARDLY_TOO_MUCH
+            if self._has_dropped or not TOO_MUCH < load <= bound:
                 return load
             if self.mixes:
-                return load if load > LEFT else TOO_MUCH
-            if load > HARDLY_TOO_MUCH:
-                return load
+                return TOO_MUCH
             longer = statistics.median(self._costs)
             is_in_time = longer <= BARELY_TOO_MUCH and self._late <= LATE
             is_told = len(self._costs) == JUDGED_LONGER and not is_in_time
@@ -538,7 +537,7 @@ class Controller:
         elif self._since_up > LONGEST_CALM:
             self._calm_needed = CALM
         # not below one that would not be left
-        most = LEFT if self._aim == MIXED else AIM
+        most = LEFT if self._is_mixing else AIM
         self._move(self._level_for(load, level, level, most))
 
     def _level_for(self, load: float, level: int, highest: int, most: float | None = None) -> int:
@@ -558,9 +557,14 @@ class Controller:
         return next(level for level in range(highest, len(costs)) if costs[level] <= bound)
 
     @property
+    def _is_mixing(self) -> bool:
+        """Whether a rung may cost a little too much: not once that has cost a frame."""
+        return self.mixes and not self._has_dropped
+
+    @property
     def _aim(self) -> float:
-        """Share of the budget that a frame of a rung gone to should cost, at most."""
-        return MIXED if self.mixes and not self._has_dropped else AIM
+        """Share of the budget that a frame of a rung gone up to should cost, at most."""
+        return MIXED if self._is_mixing else AIM
 
     def _level_that_catches_up(self) -> int:
         """Return the next rung whose frames should leave time over; this one, if not known."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import cv2
@@ -249,7 +249,7 @@ class Begun:
     """(K·H, K·W), see :func:`estimate_alone`."""
     local: HrImage
     """(K·H, K·W), see :func:`local_strength`."""
-    coefficients: HrImage | None
+    coefficients: HrImage | None = None
     """Of the estimate, see ``system.spline_coefficients``; None where steps from the reference
     alone come first."""
 
@@ -264,13 +264,30 @@ def begun_alone(
 ) -> Begun:
     """Return what a reconstruction begins with; parameters are those of :func:`fuse`."""
     noise = max(noise, SMALLEST_NOISE)
-    estimate = estimate_alone(reference, grid, psf, noise, learned)
-    taps = sampling_taps(psf, grid) if int(tuning.alone / noise) == 0 else None
-    return Begun(
-        estimate=estimate,
-        local=local_strength(estimate, grid, noise, tuning),
-        coefficients=None if taps is None else spline_coefficients(estimate, taps),
-    )
+    begun = _begun(reference, grid, psf, noise, learned, tuning)
+    if int(tuning.alone / noise) > 0:
+        return begun
+    return replace(
+        begun, coefficients=spline_coefficients(begun.estimate, sampling_taps(psf, grid))
+    )  # fmt: skip
+
+
+def _begun(
+    reference: GreyImage,
+    grid: Grid,
+    psf: Psf,
+    noise: float,
+    learned: LearnedFilters | None,
+    tuning: FusedTuning,
+    start: HrImage | None = None,
+) -> Begun:
+    """Return what a reconstruction begins with, from a start or from the reference alone."""
+    if start is not None:
+        return Begun(estimate=start, local=local_strength(start, grid, noise, tuning))
+    estimate, left = estimate_alone(reference, grid, psf, noise, learned), 0.0
+    if learned is None:
+        left = noise**2 * restoration_of(reference, grid, psf, noise).roughness
+    return Begun(estimate=estimate, local=local_strength(estimate, grid, noise, tuning, left))
 
 
 def prior_strength(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
@@ -428,18 +445,10 @@ def fuse(
     reference = next(index for index, view in enumerate(registered) if view.is_reference)
     own = registered[reference]
     ones = np.ones(lr_shape, np.float32)
-    if begun is not None:
-        estimate, local = begun.estimate, begun.local
-    else:
-        estimate = (
-            start if start is not None else estimate_alone(own.observed, grid, psf, noise, learned)
-        )
-        left = 0.0
-        if start is None and learned is None:
-            left = noise**2 * restoration_of(own.observed, grid, psf, noise).roughness
-        local = local_strength(estimate, grid, noise, tuning, left)
+    begun = begun or _begun(own.observed, grid, psf, noise, learned, tuning, start)
+    estimate = begun.estimate
     system = NormalEquations(
-        shape, taps, psf_taps(psf, grid), float(own.observed.mean()), local, most_bands
+        shape, taps, psf_taps(psf, grid), float(own.observed.mean()), begun.local, most_bands
     )
     stop_reason = "iterations"
 
@@ -473,9 +482,7 @@ def fuse(
     ]
     flags = [view.flags.copy() for view in registered]
     if not is_alone:
-        coefficients = None
-        if begun is not None and estimate is begun.estimate:
-            coefficients = begun.coefficients
+        coefficients = begun.coefficients
         if coefficients is None:
             coefficients = spline_coefficients(estimate, taps)
         is_correctable = learned is not None and noise >= CORRECTED_FROM

@@ -6,7 +6,6 @@ the memory forgets what no longer holds.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -14,7 +13,7 @@ from pipeline.config import Settings
 from pipeline.frames import MultiViewFrame
 from pipeline.superresolve.memory import Memory
 from pipeline.temporal.initial import BlockMatch
-from pipeline.temporal.lagging import has_few_tiles, tiles_of
+from pipeline.temporal.lagging import has_few_tiles
 from pipeline.temporal.still import Still, first_seen
 
 IN_PLACE = 0.5
@@ -80,7 +79,7 @@ def continued(
     has_moved = (
         is_other
         and not is_quieter
-        and math.prod(tiles_of(frame.lr_shape)) >= FEWEST_TILES
+        and not has_few_tiles(frame.lr_shape, FEWEST_TILES)
         and memory.has_moved(frame, targets)
     )
     is_cut = is_quieter or (is_other and not has_moved)

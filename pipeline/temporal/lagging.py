@@ -79,10 +79,13 @@ def tiles_of(shape: tuple[int, ...]) -> tuple[int, int]:
     return max(1, shape[0] // TILE), max(1, shape[1] // TILE)
 
 
-def has_few_tiles(shape: tuple[int, ...]) -> bool:
-    """Return whether a picture is so small that it is computed anew where much of it lags."""
+def has_few_tiles(shape: tuple[int, ...], few: int = FEW_TILES) -> bool:
+    """Return whether a picture is so small that it is computed anew where much of it lags.
+
+    Or whether it has fewer tiles than another number of them.
+    """
     rows, columns = tiles_of(shape)
-    return rows * columns < FEW_TILES
+    return rows * columns < few
 
 
 def much_lags(lagging: Mask) -> bool:

@@ -74,11 +74,15 @@ def test_what_a_read_only_installation_holds_is_taken_along(tmp_path, monkeypatc
 
 
 def test_kernels_of_other_sources_are_not_taken_for_these(tmp_path):
-    """The file of a kernel is as it was; what is compiled into it from another one is not."""
+    """The kernel's file is as it was; a constant that is compiled into it from another is not."""
     package = tmp_path / "pipeline"
     package.mkdir()
     shutil.copy(numba_cache.__file__, package)
     (package / "__init__.py").touch()
+    (package / "inner.py").write_text(
+        "import numba\nfrom pipeline.amount import MORE\n\n"
+        "@numba.njit\ndef part(x):\n    return x + MORE\n"
+    )
     (package / "outer.py").write_text(
         "import numba\nfrom pipeline.inner import part\n\n"
         "@numba.njit(cache=True)\ndef whole(x):\n    return part(x)\n"
@@ -91,9 +95,7 @@ def test_kernels_of_other_sources_are_not_taken_for_these(tmp_path):
     environment |= {"DEPTHSR_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
     said = []
     for more in (1, 5, 1):
-        (package / "inner.py").write_text(
-            f"import numba\n\n@numba.njit\ndef part(x):\n    return x + {more}\n"
-        )
+        (package / "amount.py").write_text(f"MORE = {more}\n")
         done = subprocess.run(
             [sys.executable, "-B", "-c", program], env=environment, cwd=tmp_path, check=True,
             capture_output=True, text=True, timeout=PATIENCE,
