@@ -21,6 +21,7 @@ Rooms with maps of their own: :mod:`pipeline.registration`, :mod:`pipeline.recon
 * :mod:`evaluate` (Set 1) and :mod:`demo`, drawn by :mod:`drawing`;
 * threads and processes: :mod:`threads`, :mod:`channel`, :mod:`fan_out`, :mod:`background`,
   :mod:`stop`, :mod:`machine`;
-* compiled loops: :mod:`compiled` has what numba is told, :mod:`numba_cache` where they are kept;
+* compiled loops: :mod:`compiled` has what numba is told, :mod:`vectors` what those are
+  written with that work on several pixels at once, :mod:`numba_cache` where they are kept;
   :mod:`compile_ahead`, :mod:`compile_beside`, :mod:`compile_notice`.
 """

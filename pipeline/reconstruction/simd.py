@@ -14,12 +14,9 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from pipeline.compiled import INLINED
-
-LANES = 8
-"""Pixels worked on together."""
-
-WIDE = 16
-"""The same where all is arithmetic, for processors that have such vectors."""
+from pipeline.vectors import LANES, WIDE
+from pipeline.vectors import Vectors as _Vectors
+from pipeline.vectors import data_of as _data
 
 FAR = 4
 """Vectors of these that share what they are multiplied by."""
@@ -30,71 +27,7 @@ TOGETHER = 128
 PATCH = 7
 """Side of the patches of :func:`weigh_patches` and :func:`weigh_eight`, pixels."""
 
-_FLOAT, _WORD, _SHORT = ir.FloatType(), ir.IntType(32), ir.IntType(16)
-
-
-class _Vectors:
-    """Writes instructions on so many numbers; sums may be contracted to multiply-adds."""
-
-    def __init__(
-        self,
-        builder: ir.IRBuilder,
-        lanes: int = LANES,
-        flags: tuple[str, ...] = ("contract", "reassoc", "nsz", "arcp"),
-    ) -> None:
-        self.builder = builder
-        self.flags = flags
-        self.lanes = lanes
-        self.floats, self.words, self.shorts = (
-            ir.VectorType(kind, lanes) for kind in (_FLOAT, _WORD, _SHORT)
-        )
-        self.zeros, self.halves, self.ones = map(self.constant, (0.0, 0.5, 1.0))
-
-    def constant(self, number: float):
-        """Return that number in all lanes."""
-        return ir.Constant(self.floats, [number] * self.lanes)
-
-    def spread(self, number):
-        """Return the same number in all lanes."""
-        undefined = ir.Constant(self.floats, ir.Undefined)
-        first = self.builder.insert_element(undefined, number, ir.Constant(_WORD, 0))
-        return self.choose(first, undefined, [0] * self.lanes)
-
-    def choose(self, first, second, lanes):
-        """Return the lanes named, counted through the first and on through the second."""
-        named = ir.Constant(ir.VectorType(_WORD, len(lanes)), lanes)
-        return self.builder.shuffle_vector(first, second, named)
-
-    def add(self, first, second):
-        return self.builder.fadd(first, second, flags=self.flags)
-
-    def subtract(self, first, second):
-        return self.builder.fsub(first, second, flags=self.flags)
-
-    def times(self, first, second):
-        return self.builder.fmul(first, second, flags=self.flags)
-
-    def place(self, data, at, more: int = 0, kind=None):
-        """Return the address of a vector of elements, ``more`` behind ``at``."""
-        where = self.builder.add(at, ir.Constant(at.type, more)) if more else at
-        kind = self.floats if kind is None else kind
-        return self.builder.bitcast(self.builder.gep(data, [where]), kind.as_pointer())
-
-    def load(self, data, at, more: int = 0):
-        return self.builder.load(self.place(data, at, more), align=4)
-
-    def store(self, value, data, at, more: int = 0) -> None:
-        self.builder.store(value, self.place(data, at, more), align=4)
-
-    def load_shorts(self, data, at, more: int = 0):
-        """Return unsigned 16-bit numbers as floats."""
-        found = self.builder.load(self.place(data, at, more, self.shorts), align=2)
-        return self.builder.uitofp(self.builder.zext(found, self.words), self.floats)
-
-
-def _data(context, builder, signature, arguments, number: int):
-    """Return the address of the first element of an array argument."""
-    return context.make_array(signature.args[number])(context, builder, arguments[number]).data
+_WORD = ir.IntType(32)
 
 
 @intrinsic
@@ -1074,6 +1007,68 @@ def add_shares(
                 eight.store(total, result, where)
                 where = builder.add(where, plane)
             here, to = builder.add(here, line), builder.add(to, line)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def add_products(
+    typing_context, detail, fine, first, second, fine_before, frames, asked_from, reached, at,
+    products, pitch,
+):  # fmt: skip
+    """Add to sixteen columns what they have in common with the frames before.
+
+    See ``lagging.add_row``, whose rows these are.
+
+    Parameters
+    ----------
+    detail, fine, first, second, fine_before : int16 array
+    frames, asked_from : float32 array
+    reached : uint8 array
+    at : intp
+        Of the first column, in all of them.
+    products : float32 array
+        Of six rows.
+    pitch : intp
+        From row to row of it.
+    """
+    signature = types.void(
+        detail, fine, first, second, fine_before, frames, asked_from, reached, types.intp, products,
+        types.intp,
+    )  # fmt: skip
+
+    def generate(context, builder, signature, arguments):
+        wide = _Vectors(builder, WIDE)
+        at, pitch = arguments[8], arguments[10]
+        data = [_data(context, builder, signature, arguments, n) for n in (*range(8), 9)]
+
+        def shorts(number: int):
+            found = builder.load(wide.place(data[number], at, kind=wide.shorts), align=2)
+            return builder.sitofp(builder.sext(found, wide.words), wide.floats)
+
+        bytes_ = ir.VectorType(ir.IntType(8), WIDE)
+        marks = builder.load(wide.place(data[7], at, kind=bytes_), align=1)
+        stands = builder.and_(
+            builder.icmp_unsigned("==", marks, ir.Constant(bytes_, [0] * WIDE)),
+            builder.fcmp_ordered(">=", wide.load(data[5], at), wide.load(data[6], at)),
+        )
+        own, finer, last, before, finer_last = (
+            builder.select(stands, shorts(number), wide.zeros) for number in range(5)
+        )
+        halves = wide.halves
+
+        def mean_square(one, other):
+            return wide.times(halves, wide.add(wide.times(one, one), wide.times(other, other)))
+
+        to = at
+        for more in (
+            wide.times(own, last), wide.times(own, before), mean_square(own, last),
+            wide.times(finer, finer_last), mean_square(finer, finer_last),
+            builder.select(stands, wide.ones, wide.zeros),
+        ):  # fmt: skip
+            wide.store(wide.add(wide.load(data[8], to), more), data[8], to)
+            to = builder.add(to, pitch)
         return context.get_dummy_value()
 
     return signature, generate

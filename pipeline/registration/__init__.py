@@ -14,6 +14,7 @@ Positions and displacements are LR pixels, x to the right and y down; depth is n
   :mod:`motions` says, with :mod:`kernels`;
 * :mod:`verification`, :mod:`verdict`: weights (Eq. 3), and which pixels are trusted (Eq. 4);
 * from the previous frame: :mod:`again` (a rig that stands still), :mod:`moved` (one that does
-  not), :mod:`by_depth` (without a fit); :mod:`carried` and :mod:`inverse` spare the fits onto
+  not), :mod:`by_depth` (without a fit; of depth maps that :mod:`cleaning` has cleaned where they
+  are needed, both by :mod:`depth_vectors`); :mod:`carried` and :mod:`inverse` spare the fits onto
   a second reference.
 """

@@ -15,10 +15,13 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from pipeline.compiled import EXACT
+from pipeline.compiled import EXACT, OPTIONS
 from pipeline.frames import Mask, Rejection
+from pipeline.registration.cleaning import next_run
+from pipeline.registration.depth_vectors import put_landed
 from pipeline.registration.records import ViewRegistration
 from pipeline.registration.windows import along_parallax, some_landed
+from pipeline.vectors import WIDE
 
 ASKED = 600
 """Patches that a law is learned from, about."""
@@ -88,6 +91,8 @@ def landed_by_depth(
 
     Parameters
     ----------
+    nearness : (H, W) float32
+        Where something has changed; elsewhere it is not looked at.
     changed : (H, W) bool
     reference_shape : (int, int)
         Height and width of the reference, LR pixels.
@@ -109,39 +114,77 @@ def landed_by_depth(
     )
 
 
-@njit(**EXACT)
+@njit(**OPTIONS)
 def _land(
     nearness, terms, homography, epipole, offset, height, width, outside, wanted, position,
     offsets, flags,
 ):  # fmt: skip
-    """Write where some pixels land, their intensity terms and whether they land inside."""
+    """Write where some pixels land, their intensity terms and whether they land inside.
+
+    Stretches of a row of which none is wanted are not looked at, see :mod:`cleaning`.
+    """
+    lines = np.empty((2, nearness.shape[1]), np.float32)
+    _land_rows(
+        nearness, terms, homography, epipole, offset, height, width, outside, wanted, position,
+        offsets, flags, lines[0], lines[1],
+    )  # fmt: skip
+
+
+@njit(**EXACT)
+def _land_rows(
+    nearness, terms, homography, epipole, offset, height, width, outside, wanted, position,
+    offsets, flags, along_x, along_y,
+):  # fmt: skip
     rows, columns = nearness.shape
     constant, slope, aslant, downwards, slope_x, slope_y = terms
     h00, h01, h02 = homography[0]
     h10, h11, h12 = homography[1]
     h20, h21, h22 = homography[2]
-    e0, e1, e2 = epipole
-    least, right, under = -0.5, width - 0.5, height - 0.5
-    inverse = 1.0 / columns
-    nothing = np.uint8(0)
+    least, right, under = np.float32(-0.5), np.float32(width - 0.5), np.float32(height - 0.5)
+    inverse, nothing = 1.0 / columns, np.uint8(0)
     for row in range(rows):
+        marks = wanted[row]
+        start, end = next_run(marks, 0)
+        if start >= columns:
+            continue
         y = float(row)
         down = (y + 0.5) / rows - 0.5
         # what a row has in common
-        at_row, rise = constant + downwards * down, slope + slope_y * down
-        u_row, v_row, scale_row = h01 * y + h02, h11 * y + h12, h21 * y + h22
-        for column in range(columns):
-            if not wanted[row, column]:
-                continue
-            x = float(column)
-            across = (x + 0.5) * inverse - 0.5
-            said = float(nearness[row, column])
-            depth = said + at_row + aslant * across + said * (rise + slope_x * across)
-            share = 1.0 / (h20 * x + scale_row + e2 * depth)
-            u = (h00 * x + u_row + e0 * depth) * share
-            v = (h10 * x + v_row + e1 * depth) * share
-            position[row, column, 0] = u
-            position[row, column, 1] = v
-            offsets[row, column] = offset
-            is_inside = u > least and v > least and u < right and v < under
-            flags[row, column] = nothing if is_inside else outside
+        of_row = (
+            constant + downwards * down, slope + slope_y * down, aslant, slope_x, inverse,
+            (h00, h01 * y + h02, epipole[0]), (h10, h11 * y + h12, epipole[1]),
+            (h20, h21 * y + h22, epipole[2]),
+        )  # fmt: skip
+        while start < columns:
+            end = min(end, columns)
+            _land_run(nearness[row, start:end], start, of_row, along_x, along_y)
+            points, whole_end = position[row].reshape(-1), end - (end - start) % WIDE
+            for column in range(start, whole_end, WIDE):
+                put_landed(
+                    along_x, along_y, column - start, (least, right, under), marks, column, offset,
+                    outside, points, offsets[row], flags[row],
+                )  # fmt: skip
+            for column in range(whole_end, end):
+                if not marks[column]:
+                    continue
+                u, v = along_x[column - start], along_y[column - start]
+                position[row, column, 0] = u
+                position[row, column, 1] = v
+                offsets[row, column] = offset
+                is_inside = (u > least) & (v > least) & (u < right) & (v < under)
+                flags[row, column] = nothing if is_inside else outside
+            start, end = next_run(marks, end)
+
+
+@njit(**EXACT)
+def _land_run(nearness, start, of_row, along_x, along_y):
+    """Write where a run of pixels lands, x and y, by what its row has in common."""
+    at_row, rise, aslant, slope_x, inverse, to_u, to_v, to_scale = of_row
+    for k in range(nearness.size):
+        x = float(np.int32(start + k))
+        across = (x + 0.5) * inverse - 0.5
+        said = float(nearness[k])
+        depth = said + at_row + aslant * across + said * (rise + slope_x * across)
+        share = 1.0 / (to_scale[0] * x + to_scale[1] + to_scale[2] * depth)
+        along_x[k] = (to_u[0] * x + to_u[1] + to_u[2] * depth) * share
+        along_y[k] = (to_v[0] * x + to_v[1] + to_v[2] * depth) * share

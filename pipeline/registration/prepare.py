@@ -22,6 +22,9 @@ RANGE_LINES = 96
 SMALLEST = 16
 """Pixels along each side that a picture has at least of which a coarser one is made."""
 
+SPECK = 5
+"""Side of the box whose median a depth map has, pixels."""
+
 _POLE = np.sqrt(8.0) - 3.0
 _PREFILTER = (_POLE ** np.abs(np.arange(-4, 5))).astype(np.float32)
 _PREFILTER /= _PREFILTER.sum()
@@ -143,7 +146,7 @@ def _level(
 def cleaned(depth_map: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Return a depth map filled where it is unknown, and without specks."""
     filled = fill_unknown(depth_map)
-    return cv2.medianBlur(filled, 5) if min(filled.shape) >= 5 else filled
+    return cv2.medianBlur(filled, SPECK) if min(filled.shape) >= SPECK else filled
 
 
 def prepare(

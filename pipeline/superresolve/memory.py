@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.config import Settings
 from pipeline.frames import GreyImage, Mask, MultiViewFrame, RegisteredView
 from pipeline.reconstruction.alone import Restored
 from pipeline.reconstruction.fused import FusedResult
-from pipeline.registration.by_depth import DepthLaw, Nearness, landed_by_depth, learn_law
-from pipeline.registration.prepare import cleaned
-from pipeline.registration.register import Previous, ViewRegistration
+from pipeline.registration.by_depth import DepthLaw, landed_by_depth, learn_law
+from pipeline.registration.cleaning import cleaned_where
+from pipeline.registration.register import Previous
 from pipeline.superresolve.follow import Shown
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.superresolve.seen import Seen
@@ -196,57 +193,38 @@ class Memory:
             if name in view_ids
         )
 
-    def noise_and_nearness(
-        self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]
-    ) -> tuple[float, dict[str, Nearness]]:
-        """Return the noise of a frame, and the nearness of those of some views that may land by it.
-
-        The former takes as long as the latter of six views, so that they are found side by side.
-        """
-        seen = [view.view_id for view in frame.views]
-        near = {name for name in seen if name in view_ids}
-        names = list(dict.fromkeys(name for _, name in self.laws() if name in near))
-        tasks: list[Callable[[], Any]] = [lambda: self.seen.noise(frame, settings, seen)]
-        for name in names:
-            depth_map = frame.view(name).depth_map
-            assert depth_map is not None  # depth has proved right
-            tasks.append(functools.partial(cleaned, depth_map))
-        noise, *nearness = map_threads(lambda task: task(), tasks)
-        return noise, dict(zip(names, nearness, strict=True))
-
-    def land(
-        self, frame: MultiViewFrame, view_ids: Sequence[str], nearness: Mapping[str, Nearness]
-    ) -> None:
-        """Let what has changed in some views of a frame land by their depth maps.
-
-        Parameters
-        ----------
-        nearness : mapping of view ids to (H, W) float32
-            Of :meth:`noise_and_nearness`.
-        """
+    def land(self, frame: MultiViewFrame, view_ids: Sequence[str]) -> None:
+        """Let what has changed in some views of a frame land by their depth maps."""
         previous, laws = self.previous, self.laws()
         assert previous is not None  # there are laws
         self.miss([view.view_id for view in frame.views if view.view_id not in view_ids])
         views = {view.view_id: view for view in frame.views if view.view_id in view_ids}
+        pairs = {
+            name: [
+                (target, place)
+                for target, ones in previous.registrations.items()
+                for place, one in enumerate(ones)
+                if one.registered.view_id == name and laws.get((target, name)) is not None
+            ]
+            for name in views
+        }
+        registrations = {target: list(ones) for target, ones in previous.registrations.items()}
 
-        def landed(pair: tuple[str, ViewRegistration]) -> ViewRegistration:
-            target, one = pair
-            name = one.registered.view_id
-            law = laws.get((target, name))
-            if law is None or name not in nearness:
-                return one
-            changed = self.seen.still[name].touched
+        def land(name: str) -> None:
+            changed, depth_map = self.seen.still[name].touched, views[name].depth_map
+            assert depth_map is not None  # depth has proved right
             if name in self._missed:
                 changed = changed | self._missed[name]
-            return landed_by_depth(
-                one, law, nearness[name], changed, views[target].luma.shape, self._has_landed
-            )
+            nearness = cleaned_where(depth_map, changed)
+            for target, place in pairs[name]:
+                law = laws[target, name]
+                assert law is not None  # by which it lands
+                registrations[target][place] = landed_by_depth(
+                    registrations[target][place], law, nearness, changed, views[target].luma.shape,
+                    self._has_landed,
+                )  # fmt: skip
 
-        pairs = [(target, one) for target, ones in previous.registrations.items() for one in ones]
-        found = iter(map_threads(landed, pairs))
-        registrations = {
-            target: [next(found) for _ in ones] for target, ones in previous.registrations.items()
-        }
+        map_threads(land, [name for name in views if pairs[name]])
         self.previous = replace(previous, registrations=registrations)
         self._missed = {name: mask for name, mask in self._missed.items() if name not in views}
         self._has_landed = True

@@ -131,7 +131,7 @@ def swift_frame(
     psf = psf or psf_of(settings)
     with stoppable(stop):
         before = copy.copy(memory.seen)
-        noise, nearness = memory.noise_and_nearness(frame, settings, near)
+        noise = memory.seen.noise(frame, settings, names)
         drifts = memory.seen.drifts(frame, targets, noise)
         jumps = memory.seen.jumps(targets, noise)
         averaged = memory.seen.averaged(frame, noise)
@@ -142,7 +142,7 @@ def swift_frame(
             if lags:
                 memory.solve_again()
             return None
-        memory.land(averaged, near, nearness)
+        memory.land(averaged, near)
     ready = _Ready(
         frame=averaged, settings=settings, targets=targets, near=near, psf=psf, noise=noise,
         memory=memory, effort=effort, is_held=is_held,

@@ -17,7 +17,8 @@ import numpy.typing as npt
 from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
-from pipeline.frames import GreyImage, Mask
+from pipeline.frames import Mask
+from pipeline.reconstruction.simd import WIDE, add_products
 
 TILE = 32
 """Side of a tile, LR pixels; the last ones of a row or column may be up to twice as large."""
@@ -54,6 +55,13 @@ FADED = 3 / 4
 NUM_SUMS = 5
 """Of a tile."""
 
+UNIT = 1 / 32
+"""What is kept of differences is a multiple of this, grey levels: it is read and written once a
+frame, and half as many bytes take half as long."""
+
+Differences = npt.NDArray[np.int16]
+"""In such units."""
+
 LEAST = TILE**2 / 3
 """Pixels of a tile that are counted at least: of few, chance says more."""
 
@@ -62,15 +70,15 @@ LEAST = TILE**2 / 3
 class Away:
     """How frames that are past differed from the means before them."""
 
-    detail: tuple[GreyImage, GreyImage]
-    """Two of (H, W): the last frame's detail, and that of the one before it, grey levels."""
-    fine: GreyImage
+    detail: tuple[Differences, Differences]
+    """Two of (H, W): the last frame's detail, and that of the one before it."""
+    fine: Differences
     """(H, W): what is finer than detail, of the last frame."""
 
     @classmethod
     def none(cls, shape: tuple[int, ...]) -> Away:
         """Return what there is after one frame."""
-        nothing = np.zeros(shape, np.float32)
+        nothing = np.zeros(shape, np.int16)
         return cls(detail=(nothing, nothing), fine=nothing)
 
 
@@ -216,8 +224,8 @@ def ask_tiles(restless, asked_from):
 
 @njit(**LEAN)
 def add_row(
-    detail, fine, first, second, fine_before, frames, reached, asked_from, products, counted
-):
+    detail, fine, first, second, fine_before, frames, reached, asked_from, products
+):  # fmt: skip
     """Add up, column by column, what a row has in common with the frames before.
 
     That is the products of detail with that of the two frames before and its mean square in this
@@ -225,46 +233,51 @@ def add_row(
 
     Parameters
     ----------
-    detail, fine : (W,) float32
-        How the frame differs from the mean before, grey levels.
-    first, second, fine_before : (W,) float32
+    detail, fine : (W,) int16
+        How the frame differs from the mean before, in units.
+    first, second, fine_before : (W,) int16
         The same of one frame before, of two, and of one.
     frames, asked_from : (W,) float32
         Of how many the mean is one, and of how many it is to be.
     reached : (W,) uint8
         Whether the pixel has changed, or lies near what has.
-    products : (5, W) float32
-    counted : (W,) float32
-        Pixels.
+    products : (6, ≥ W) float32
+        Squares of units; in the last row, pixels.
     """
     half, zero, one = np.float32(0.5), np.float32(0.0), np.float32(1.0)
-    for x in range(detail.size):
-        own, finer, last, finer_last = detail[x], fine[x], first[x], fine_before[x]
+    whole = detail.size - detail.size % WIDE
+    flat, pitch = products.reshape(-1), products.shape[1]
+    for x in range(0, whole, WIDE):
+        add_products(
+            detail, fine, first, second, fine_before, frames, asked_from, reached, x, flat, pitch
+        )  # fmt: skip
+    for x in range(whole, detail.size):
+        own, finer = np.float32(detail[x]), np.float32(fine[x])
+        last, finer_last = np.float32(first[x]), np.float32(fine_before[x])
         stands = one if (reached[x] == 0) & (frames[x] >= asked_from[x]) else zero
         products[0, x] += stands * own * last
-        products[1, x] += stands * own * second[x]
+        products[1, x] += stands * own * np.float32(second[x])
         products[2, x] += stands * half * (own * own + last * last)
         products[3, x] += stands * finer * finer_last
         products[4, x] += stands * half * (finer * finer + finer_last * finer_last)
-        counted[x] += stands
+        products[5, x] += stands
 
 
 @njit(**LEAN)
-def add_tiles(products, counted, at, sums, numbers):
+def add_tiles(products, width, at, sums, numbers):
     """Hand what was added up in columns over to the tiles of a row, and begin anew.
 
     Parameters
     ----------
-    products, counted
-        Of :func:`add_row`.
+    products, width
+        Of :func:`add_row`; so many columns of it.
     sums, numbers : (5, rows, columns), (rows, columns) float64
-        Added to, in row ``at``.
+        Added to, in row ``at``; grey levels², pixels.
     """
-    columns = numbers.shape[1]
-    for x in range(counted.size):
+    columns, square = numbers.shape[1], UNIT * UNIT
+    for x in range(width):
         tile = tile_of(x, columns)
-        for kind in range(products.shape[0]):
-            sums[kind, at, tile] += products[kind, x]
-            products[kind, x] = 0
-        numbers[at, tile] += counted[x]
-        counted[x] = 0
+        for kind in range(NUM_SUMS):
+            sums[kind, at, tile] += square * products[kind, x]
+        numbers[at, tile] += products[NUM_SUMS, x]
+    products[:] = 0

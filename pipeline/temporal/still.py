@@ -25,7 +25,7 @@ from pipeline.temporal.lagging import (
     tile_pixels,
     tiles_of,
 )
-from pipeline.temporal.still_kernels import CHANGE_REACH, WIDE_BOX
+from pipeline.temporal.still_kernels import CHANGE_REACH, REACH
 
 MOST_FRAMES = 4
 """Weight of the mean against a new frame, at most, frames: older ones fade."""
@@ -33,12 +33,6 @@ MOST_FRAMES = 4
 SMOOTHING = 0.7
 """σ of the Gaussian on the difference, LR pixels: it leaves ``still_kernels.PASSED`` of the noise's
 power."""
-
-SMOOTHING_REACH = 3
-"""Pixels to each side that it reaches."""
-
-BOX = 5
-"""Side of the box over which the square of the smoothed difference is averaged, LR pixels."""
 
 WIDE_BOUND = (1.0, 1.5)
 """What it is cut off at, constant and factor on the noise, so that a strong change does not
@@ -104,13 +98,14 @@ def seen_again(luma: GreyImage, before: Still, noise: float) -> Still:
     """
     if before.mean.shape != luma.shape:
         return first_seen(luma)
-    detail, fine, mean, count = (np.empty(luma.shape, np.float32) for _ in range(4))
+    detail, fine = (np.empty(luma.shape, np.int16) for _ in range(2))
+    mean, count = (np.empty(luma.shape, np.float32) for _ in range(2))
     changed, reached = (np.empty(luma.shape, np.uint8) for _ in range(2))
     sums, numbers = no_sums(luma.shape)
     still_kernels.compare(
         # both read-only, for one compilation
         frozen(luma), frozen(before.mean), before.count, MOST_FRAMES, noise,
-        WIDE_BOUND[0] + WIDE_BOUND[1] * noise, *_windows(), *before.away.detail, before.away.fine,
+        WIDE_BOUND[0] + WIDE_BOUND[1] * noise, _taps(), *before.away.detail, before.away.fine,
         before.restless, detail, fine, changed, reached, sums, numbers, mean, count,
     )  # fmt: skip
     away = Away(detail=(detail, before.away.detail[0]), fine=fine)
@@ -134,8 +129,6 @@ def _reached(found: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 
 @functools.cache
-def _windows() -> tuple[npt.NDArray[np.float32], ...]:
-    """Return the half taps of the Gaussian, the box and the wide box."""
-    gauss = cv2.getGaussianKernel(2 * SMOOTHING_REACH + 1, SMOOTHING)[SMOOTHING_REACH:, 0]
-    boxes = (np.full(side // 2 + 1, 1 / side, np.float32) for side in (BOX, WIDE_BOX))
-    return gauss.astype(np.float32), *boxes
+def _taps() -> npt.NDArray[np.float32]:
+    """Return the half taps of the Gaussian."""
+    return cv2.getGaussianKernel(2 * REACH + 1, SMOOTHING)[REACH:, 0].astype(np.float32)

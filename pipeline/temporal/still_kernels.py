@@ -6,8 +6,15 @@ import numpy as np
 from numba import njit
 
 from pipeline.compiled import EXACT, LEAN, OPTIONS
-from pipeline.reconstruction.rows import blur_ring, blur_row, mirror
-from pipeline.temporal.lagging import add_row, add_tiles, ask_tiles, tile_of
+from pipeline.reconstruction.rows import make_lines, make_room, mirror, whole
+from pipeline.temporal.lagging import (
+    NUM_SUMS,
+    UNIT,
+    add_row,
+    add_tiles,
+    ask_tiles,
+    tile_of,
+)
 
 PASSED = 1 / 6
 """Share of the noise's power that the smoothing of a difference leaves."""
@@ -17,6 +24,9 @@ TOLERATED = 1.5
 
 EXCESS = 2.5
 """Power of the noise in a box, over its mean, that still is noise."""
+
+BOX = 5
+"""Side of the box over which the square of the smoothed difference is averaged, LR pixels."""
 
 WIDE_BOX = 15
 """Side of the box over which the difference itself is averaged, LR pixels: what is too faint
@@ -33,10 +43,18 @@ NARROW = 1
 pixel, what noise feigns is not."""
 
 
+LINES = 16
+"""Rows kept of what streams by, a power of two: the one that leaves the wide box is still there
+when another one enters."""
+
+REACH, WIDE_REACH = 2, WIDE_BOX // 2
+"""Pixels to each side that the Gaussian and the box reach, and the wide box."""
+
+
 @njit(**OPTIONS)
 def compare(
-    luma, means, frames, most, noise, bound, gauss, box, wide_box, first, second, fine_before,
-    restless, detail, fine, changed, reached, sums, numbers, mean, count,
+    luma, means, frames, most, noise, bound, gauss, first, second, fine_before, restless, detail,
+    fine, changed, reached, sums, numbers, mean, count,
 ):  # fmt: skip
     """Write how a picture differs from the mean before it, and the mean that it has joined.
 
@@ -50,13 +68,13 @@ def compare(
         Weight of a mean against a picture, at most, frames.
     noise, bound : float
         Grey levels; the difference is cut off at the latter.
-    gauss, box, wide_box : float32
-        Half taps; the last ones reach farthest.
+    gauss : (REACH + 1,) float32
+        Half taps.
     first, second, fine_before, restless
         See :func:`lagging.add_row` and :func:`lagging.ask_tiles`.
-    detail, fine : (H, W) float32
+    detail, fine : (H, W) int16
         Overwritten: what is smoothed, before it is cut off, less the mean of what is cut off over
-        the wide box; and what is cut off less what is smoothed.
+        the wide box; and what is cut off less what is smoothed. In units of ``lagging.UNIT``.
     changed, reached : (H, W) uint8
         Overwritten: where the mean square of what is smoothed, or the mean over the wide box, is
         more than noise; and what lies within ``CHANGE_REACH`` of it.
@@ -66,30 +84,30 @@ def compare(
         Overwritten: the mean, which begins anew where something has changed, and of how many
         frames it is one.
     """
-    # the row that leaves the wide box is still there when another one enters
-    width, lines = luma.shape[1], 2 * wide_box.size
+    width = luma.shape[1]
     _compare_rows(
-        luma, means, frames, np.float32(most), np.float32(noise), np.float32(bound), gauss, box,
-        wide_box, first, second, fine_before, restless, detail, fine, changed, reached, sums,
-        numbers, mean, count,
-        np.empty((5, lines, width), np.float32), np.empty((2, lines, width), np.uint8),
-        np.empty(width + lines, np.float32), np.zeros(width + lines, np.uint8),
-        np.empty((2, width), np.float32), np.zeros((8, width), np.float32),
+        luma, means, frames, np.float32(most), np.float32(noise), np.float32(bound), gauss, first,
+        second, fine_before, restless, detail, fine, changed, reached, sums, numbers, mean, count,
+        make_lines(4 * LINES, whole(width)).reshape(4, LINES, -1),
+        np.empty((2, LINES, width), np.uint8),
+        make_room(width, REACH), make_room(width, WIDE_REACH),
+        np.zeros(width + 2 * CHANGE_REACH, np.uint8), make_lines(3, whole(width + 2 * WIDE_REACH)),
+        make_lines(NUM_SUMS + 2, whole(width)),
     )  # fmt: skip
 
 
 @njit(**LEAN)
 def _compare_rows(
-    luma, means, frames, most, noise, bound, gauss, box, wide_box, first, second, fine_before,
-    restless, detail, fine, changed, reached, sums, numbers, mean, count, rings, masks, room,
-    mask_room, pair, totals,
+    luma, means, frames, most, noise, bound, gauss, first, second, fine_before, restless, detail,
+    fine, changed, reached, sums, numbers, mean, count, rings, masks, room, total, mask_room, pair,
+    totals,
 ):  # fmt: skip
     height, width = luma.shape
-    lines = rings.shape[1]
-    reach, share = wide_box.size - 1, wide_box[0]
-    smoothed, squares, boxes, cut_off, smooth = rings[0], rings[1], rings[2], rings[3], rings[4]
-    calm, narrow, line, wide = masks[0], masks[1], pair[0], pair[1]
-    total, asked_from, counted, products = totals[0], totals[1], totals[2], totals[3:]
+    smoothed, squares, cut_off, smooth = rings[0], rings[1], rings[2], rings[3]
+    calm, narrow, line, wide, fives = masks[0], masks[1], pair[0], pair[1], pair[2]
+    products, asked_from = totals[1:], totals[0, :width]
+    own, own_total = room[REACH : REACH + width], total[WIDE_REACH : WIDE_REACH + width]
+    line, wide = line[:width], wide[:width]
     next_row = next_smooth = next_judged = next_narrow = next_changed = np.int64(0)
     for y in range(height):
         while next_changed < min(height, y + CHANGE_REACH + 1):
@@ -98,35 +116,39 @@ def _compare_rows(
                 n = next_narrow
                 while next_judged < min(height, n + NARROW + 1):
                     v = next_judged
-                    while next_smooth < min(height, v + box.size):
+                    while next_smooth < min(height, v + REACH + 1):
                         u = next_smooth
-                        while next_row < min(height, max(u + gauss.size, v + wide_box.size)):
-                            at = next_row % lines
-                            _differ(luma[next_row], means[next_row], bound, line, cut_off[at])
-                            blur_row(line, gauss, room, smoothed[at])
-                            blur_row(cut_off[at], wide_box, room, boxes[at])
+                        while next_row < min(height, max(u + REACH, v + WIDE_REACH) + 1):
+                            at = next_row % LINES
+                            _differ(luma[next_row], means[next_row], bound, own, cut_off[at])
+                            _mirror_ends(room, width, REACH)
+                            _five(room, gauss, smoothed[at, :width])
                             next_row += 1
-                        blur_ring(smoothed, u, gauss, height, width, smooth[u % lines])
-                        _square(smooth[u % lines], line)
-                        blur_row(line, box, room, squares[u % lines])
+                        at = u % LINES
+                        _five_rows(smoothed, u, height, gauss, smooth[at, :width])
+                        _square(smooth[at], own)
+                        _mirror_ends(room, width, REACH)
+                        _box_five(room, squares[at, :width])
                         next_smooth += 1
-                    blur_ring(squares, v, box, height, width, line)
+                    _box_five_rows(squares, v, height, line)
                     # what a column holds of the wide box goes on from row to row
                     if v == 0:
-                        for row in range(-reach, reach + 1):
-                            _add(boxes[mirror(row, height) % lines], total)
+                        for row in range(-WIDE_REACH, WIDE_REACH + 1):
+                            _add(cut_off[mirror(row, height) % LINES], own_total)
                     else:
                         _exchange(
-                            boxes[mirror(v + reach, height) % lines],
-                            boxes[mirror(v - reach - 1, height) % lines], total,
+                            cut_off[mirror(v + WIDE_REACH, height) % LINES],
+                            cut_off[mirror(v - WIDE_REACH - 1, height) % LINES], own_total,
                         )  # fmt: skip
-                    _scale(total, share, wide)
-                    _judge(frames[v], line, wide, noise, calm[v % lines])
-                    _subtract(smooth[v % lines], wide, detail[v])
-                    _subtract(cut_off[v % lines], smooth[v % lines], fine[v])
+                    _mirror_ends(total, width, WIDE_REACH)
+                    _box_five(total, fives[: width + 10])
+                    _three_fives(fives, wide)
+                    _judge(frames[v], line, wide, noise, calm[v % LINES])
+                    _subtract(smooth[v % LINES], wide, detail[v])
+                    _subtract(cut_off[v % LINES], smooth[v % LINES], fine[v])
                     next_judged += 1
-                _reach_row(calm, n, height, NARROW, mask_room, narrow[n % lines])
-                _invert(narrow[n % lines])
+                _reach_row(calm, n, height, NARROW, mask_room, narrow[n % LINES])
+                _invert(narrow[n % LINES])
                 next_narrow += 1
             _reach_row(narrow, c, height, NARROW, mask_room, changed[c])
             average_row(luma[c], means[c], frames[c], changed[c], most, mean[c], count[c])
@@ -137,10 +159,14 @@ def _compare_rows(
             ask_tiles(restless[at], asked_from)
         add_row(
             detail[y], fine[y], first[y], second[y], fine_before[y], frames[y], reached[y],
-            asked_from, products, counted,
+            asked_from, products,
         )  # fmt: skip
         if y == height - 1 or tile_of(y + 1, numbers.shape[0]) > at:
-            add_tiles(products, counted, at, sums, numbers)
+            add_tiles(products, width, at, sums, numbers)
+
+
+# each loop writes to one array, or reads few: else it is not worked on by vectors, since too many
+# might overlap
 
 
 @njit(**LEAN)
@@ -149,6 +175,64 @@ def _differ(own, mean, bound, out, cut_off):
         away = own[x] - mean[x]
         out[x] = away
         cut_off[x] = min(max(away, -bound), bound)
+
+
+@njit(**LEAN)
+def _mirror_ends(room, width, reach):
+    """Write what lies beyond the ends of a row that begins at ``reach``, reflected about them."""
+    for k in range(1, reach + 1):
+        room[reach - k] = room[reach + mirror(-k, width)]
+        room[reach + width - 1 + k] = room[reach + mirror(width - 1 + k, width)]
+
+
+@njit(**LEAN)
+def _five(room, taps, out):
+    middle, beside, beyond = taps[0], taps[1], taps[2]
+    a, b, c, d, e = room, room[1:], room[2:], room[3:], room[4:]
+    for x in range(out.size):
+        out[x] = middle * c[x] + beside * (b[x] + d[x]) + beyond * (a[x] + e[x])
+
+
+@njit(**LEAN)
+def _box_five(room, out):
+    a, b, c, d, e = room, room[1:], room[2:], room[3:], room[4:]
+    for x in range(out.size):
+        out[x] = (a[x] + b[x]) + (c[x] + d[x]) + e[x]
+
+
+@njit(**LEAN)
+def _three_fives(fives, out):
+    share = np.float32(1 / (WIDE_BOX * WIDE_BOX))
+    a, b, c = fives, fives[5:], fives[10:]
+    for x in range(out.size):
+        out[x] = share * (a[x] + b[x] + c[x])
+
+
+@njit(**LEAN)
+def _around(y, height):
+    """Return the lines of the rows around one, in their order."""
+    return (
+        mirror(y - 2, height) % LINES, mirror(y - 1, height) % LINES, y % LINES,
+        mirror(y + 1, height) % LINES, mirror(y + 2, height) % LINES,
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _five_rows(ring, y, height, taps, out):
+    middle, beside, beyond = taps[0], taps[1], taps[2]
+    i, j, k, m, n = _around(y, height)
+    a, b, c, d, e = ring[i], ring[j], ring[k], ring[m], ring[n]
+    for x in range(out.size):
+        out[x] = middle * c[x] + beside * (b[x] + d[x]) + beyond * (a[x] + e[x])
+
+
+@njit(**LEAN)
+def _box_five_rows(ring, y, height, out):
+    share = np.float32(1 / (BOX * BOX))
+    i, j, k, m, n = _around(y, height)
+    a, b, c, d, e = ring[i], ring[j], ring[k], ring[m], ring[n]
+    for x in range(out.size):
+        out[x] = share * ((a[x] + b[x]) + (c[x] + d[x]) + e[x])
 
 
 @njit(**LEAN)
@@ -164,21 +248,16 @@ def _exchange(entering, leaving, total):
 
 
 @njit(**LEAN)
-def _scale(row, share, out):
-    for x in range(out.size):
-        out[x] = share * row[x]
-
-
-@njit(**LEAN)
 def _square(row, out):
-    for x in range(row.size):
+    for x in range(out.size):
         out[x] = row[x] * row[x]
 
 
 @njit(**LEAN)
 def _subtract(row, other, out):
+    scale, half = np.float32(1 / UNIT), np.float32(0.5)
     for x in range(out.size):
-        out[x] = row[x] - other[x]
+        out[x] = np.int16(np.floor(scale * (row[x] - other[x]) + half))
 
 
 @njit(**LEAN)
@@ -208,23 +287,28 @@ def _reach_row(ring, y, height, reach, room, out):
     ----------
     ring : (lines, W) uint8
     room : (≥ W + 2·reach,) uint8
-        Scratch.
+        Scratch, zero in its first ``reach`` and behind the row.
     """
     lines, width = ring.shape[0], out.size
-    own = room[reach : reach + width]
-    for x in range(width):
-        own[x] = ring[y % lines, x]
-    for k in range(1, reach + 1):
-        _join(ring[max(y - k, 0) % lines], ring[min(y + k, height - 1) % lines], own)
-        room[reach - k] = room[reach + width - 1 + k] = 0
-    for x in range(width):
-        out[x] = own[x]
-    for k in range(1, reach + 1):
-        _join(room[reach - k :], room[reach + k :], out)
+    own = room[CHANGE_REACH : CHANGE_REACH + width]
+    above, below = ring[max(y - 1, 0) % lines], ring[min(y + 1, height - 1) % lines]
+    _join(above, ring[y % lines], below, own)
+    if reach > 1:
+        _join_more(ring[max(y - 2, 0) % lines], ring[min(y + 2, height - 1) % lines], own)
+    beside = room[CHANGE_REACH - 1 :], room[CHANGE_REACH + 1 :]
+    _join(beside[0], own, beside[1], out)
+    if reach > 1:
+        _join_more(room, room[2 * CHANGE_REACH :], out)
 
 
 @njit(**LEAN)
-def _join(first, second, out):
+def _join(first, second, third, out):
+    for x in range(out.size):
+        out[x] = first[x] | second[x] | third[x]
+
+
+@njit(**LEAN)
+def _join_more(first, second, out):
     for x in range(out.size):
         out[x] |= first[x] | second[x]
 

@@ -77,6 +77,34 @@ def test_what_has_not_changed_keeps_its_place(prepared, registration):
         assert np.array_equal(before, after, equal_nan=name == "position")
 
 
+@pytest.mark.parametrize("share", [0.02, 0.5])
+def test_what_has_changed_lands_alike_whatever_has_beside_it(prepared, registration, share):
+    """Many pixels of a row are worked on at once, some of which have not changed."""
+    nearness = _nearness(prepared)[:, :-3]
+    before = replace(
+        registration,
+        offset=registration.offset[:, :-3].copy(),
+        registered=replace(
+            registration.registered,
+            position=registration.registered.position[:, :-3].copy(),
+            flags=registration.registered.flags[:, :-3].copy(),
+        ),
+    )
+    law = learn_law(registration, _nearness(prepared))
+    changed = np.random.default_rng(0).random(nearness.shape) < share
+    every = np.ones_like(changed)
+    alone, beside = (
+        landed_by_depth(before, law, nearness, wanted, (SCENE.height, SCENE.width))
+        for wanted in (changed, every)
+    )
+    for name in ("position", "flags"):
+        old, new, all_new = (getattr(one.registered, name) for one in (before, alone, beside))
+        assert np.array_equal(new[changed], all_new[changed])
+        assert np.array_equal(new[~changed], old[~changed], equal_nan=name == "position")
+    assert np.array_equal(alone.offset[changed], beside.offset[changed])
+    assert np.array_equal(alone.offset[~changed], before.offset[~changed])
+
+
 def test_depth_that_says_nothing_is_far_off(prepared, registration):
     flat = np.zeros_like(_nearness(prepared))
     law = learn_law(registration, flat)

@@ -1,0 +1,87 @@
+"""What loops are written with that work on several pixels at once, as vectors.
+
+LLVM's ``<8 x float>``, which any processor has or emulates, for what the compiler does not
+vectorise by itself. Arrays are addressed by a number of elements from their first one, and nothing
+is checked.
+"""
+
+from __future__ import annotations
+
+from llvmlite import ir
+
+LANES = 8
+"""Pixels worked on together."""
+
+WIDE = 16
+"""The same where all is arithmetic, for processors that have such vectors."""
+
+_FLOAT, _WORD, _SHORT = ir.FloatType(), ir.IntType(32), ir.IntType(16)
+
+
+class Vectors:
+    """Writes instructions on so many numbers; sums may be contracted to multiply-adds."""
+
+    def __init__(
+        self,
+        builder: ir.IRBuilder,
+        lanes: int = LANES,
+        flags: tuple[str, ...] = ("contract", "reassoc", "nsz", "arcp"),
+    ) -> None:
+        self.builder = builder
+        self.flags = flags
+        self.lanes = lanes
+        self.floats, self.words, self.shorts = (
+            ir.VectorType(kind, lanes) for kind in (_FLOAT, _WORD, _SHORT)
+        )
+        self.zeros, self.halves, self.ones = map(self.constant, (0.0, 0.5, 1.0))
+
+    def constant(self, number: float):
+        """Return that number in all lanes."""
+        return ir.Constant(self.floats, [number] * self.lanes)
+
+    def spread(self, number):
+        """Return the same number in all lanes."""
+        undefined = ir.Constant(self.floats, ir.Undefined)
+        first = self.builder.insert_element(undefined, number, ir.Constant(_WORD, 0))
+        return self.choose(first, undefined, [0] * self.lanes)
+
+    def choose(self, first, second, lanes):
+        """Return the lanes named, counted through the first and on through the second."""
+        named = ir.Constant(ir.VectorType(_WORD, len(lanes)), lanes)
+        return self.builder.shuffle_vector(first, second, named)
+
+    def add(self, first, second):
+        """Return the sums."""
+        return self.builder.fadd(first, second, flags=self.flags)
+
+    def subtract(self, first, second):
+        """Return what the first ones are more."""
+        return self.builder.fsub(first, second, flags=self.flags)
+
+    def times(self, first, second):
+        """Return the products."""
+        return self.builder.fmul(first, second, flags=self.flags)
+
+    def place(self, data, at, more: int = 0, kind=None):
+        """Return the address of a vector of elements, ``more`` behind ``at``."""
+        where = self.builder.add(at, ir.Constant(at.type, more)) if more else at
+        kind = self.floats if kind is None else kind
+        return self.builder.bitcast(self.builder.gep(data, [where]), kind.as_pointer())
+
+    def load(self, data, at, more: int = 0):
+        """Return a vector of elements, from ``more`` behind ``at`` on."""
+        return self.builder.load(self.place(data, at, more), align=4)
+
+    def store(self, value, data, at, more: int = 0) -> None:
+        """Write a vector there."""
+        self.builder.store(value, self.place(data, at, more), align=4)
+
+    def load_shorts(self, data, at, more: int = 0):
+        """Return unsigned 16-bit numbers as floats."""
+        found = self.builder.load(self.place(data, at, more, self.shorts), align=2)
+        return self.builder.uitofp(self.builder.zext(found, self.words), self.floats)
+
+
+def data_of(context, builder, signature, arguments, number: int):
+    """Return the address of the first element of an array argument."""
+    return context.make_array(signature.args[number])(context, builder, arguments[number]).data
