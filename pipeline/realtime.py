@@ -133,9 +133,13 @@ loaded in a rehearsal."""
 AIM = 0.97
 """Share of the budget that a frame of the rung gone to should cost, at most."""
 
-MIXED, LEFT = 1.1, 1.18
-"""The same where two rungs are mixed, and the share from which a rung is left then: mixed with one
-that costs so much less, it loses more than the next one below it does."""
+MIXED = 1.1
+"""The same where two rungs are mixed."""
+
+LEFT, LEFT_AT_ONCE = 1.25, 1.5
+"""Share of the budget from which a rung is left then, by as many frames as are judged longest:
+mixed with one that costs so much less, it loses more than the next one below it does; and the
+share from which fewer decide, before frames are dropped."""
 
 CATCHING_UP = 2
 """Frames that are made on a rung that catches up then, once one is later than ``LATE``: of two eyes
@@ -159,6 +163,10 @@ is where the rung above should cost no more than ``AIM``."""
 
 CALM, LONGEST_CALM = 16, 256
 """Frames of calm before quality goes up, at first and at most."""
+
+LONGEST_CALM_MIXED = 32
+"""The latter where two rungs are mixed and the rung above should not be too much: one that is
+takes no frame away, since another makes good for it."""
 
 TRIAL = 16
 """Frames within which a rung up that has to be taken back counts as a mistake."""
@@ -374,6 +382,8 @@ class Controller:
     _made: int = field(default=0, init=False)
     _beside: list[float] = field(default_factory=list, init=False)
     """Likewise, what they took beside the work of the rung."""
+    _latest: tuple[int, float] | None = field(default=None, init=False)
+    """Rung of the last frame and what it took of the budget, beside caches that it filled."""
     _calm: int = field(default=0, init=False)
     _calm_needed: int = field(default=CALM, init=False)
     _since_up: int = field(default=TRIAL, init=False)
@@ -464,8 +474,10 @@ class Controller:
             Those of them that the worker took; of the others the rung decides on the reading alone.
             Default: it decides on all.
         """
+        filling = FILLING if not self._frames[choice.level] else 0.0
+        self._latest = (choice.level, (seconds - filling) / self.budget)
         if choice.catches_up:
-            self._end_of_one_that_catches_up(choice, seconds / self.budget)
+            self._end_of_one_that_catches_up(*self._latest)
             return
         self._in_a_row = self._in_vain = 0
         if choice.level != self._made:
@@ -503,26 +515,25 @@ class Controller:
             self._move(self._higher(mean), climbs=True)
             self._since_up = 0
 
-    def _end_of_one_that_catches_up(self, choice: Choice, cost: float) -> None:
-        self._frames[choice.level] += 1
+    def _end_of_one_that_catches_up(self, level: int, cost: float) -> None:
+        self._frames[level] += 1
         self._since_up += 1
         self._in_a_row += 1
         self._in_vain = self._in_vain + 1 if cost > TOO_MUCH else 0
         if self._in_vain >= CATCHING_UP or self._in_a_row >= IN_A_ROW:
-            self._down(cost, choice.level)
+            self._down(cost, level)
 
     def _load(self) -> float:
         """Return the share of the budget that frames take; 0 where it is too early to tell."""
         if len(self._costs) >= JUDGED:
             load = statistics.median(self._costs[-JUDGED:])
-            bound = LEFT if self.mixes else HARDLY_TOO_MUCH
-            if self._has_dropped or not TOO_MUCH < load <= bound:
+            at_once = LEFT_AT_ONCE if self.mixes else HARDLY_TOO_MUCH
+            if self._has_dropped or not TOO_MUCH < load <= at_once:
                 return load
-            if self.mixes:
-                return TOO_MUCH
             longer = statistics.median(self._costs)
-            is_in_time = longer <= BARELY_TOO_MUCH and self._late <= LATE
-            is_told = len(self._costs) == JUDGED_LONGER and not is_in_time
+            most = LEFT if self.mixes else BARELY_TOO_MUCH
+            is_kept = longer <= most and (self.mixes or self._late <= LATE)
+            is_told = len(self._costs) == JUDGED_LONGER and not is_kept
             return longer if is_told else TOO_MUCH
         if len(self._costs) == 1 and not self._has_climbed:
             is_new = self._frames[self._made] == 1
@@ -533,7 +544,8 @@ class Controller:
     def _down(self, load: float, level: int) -> None:
         """Go down from a rung on which frames take so much of the budget."""
         if self._since_up < TRIAL:
-            self._calm_needed = min(2 * self._calm_needed, LONGEST_CALM)
+            longest = LONGEST_CALM_MIXED if self.mixes else LONGEST_CALM
+            self._calm_needed = min(2 * self._calm_needed, longest)
         elif self._since_up > LONGEST_CALM:
             self._calm_needed = CALM
         # not below one that would not be left
@@ -567,12 +579,19 @@ class Controller:
         return MIXED if self._is_mixing else AIM
 
     def _level_that_catches_up(self) -> int:
-        """Return the next rung whose frames should leave time over; this one, if not known."""
-        if not self._costs:
-            return self.level
-        costs = self._expected(statistics.median(self._costs), self.level)
-        levels = range(self.level, len(costs))
-        return next((level for level in levels if costs[level] <= AIM), levels[-1])
+        """Return the next rung whose frames should leave time over; this one, if not known.
+
+        By what frames took, and by what the last one did: others of the machine may have begun.
+        """
+        told = [] if self._latest is None else [self._latest]
+        if self._costs:
+            told.append((self._made, statistics.median(self._costs[-JUDGED:])))
+        expected = [self._expected(cost, level) for level, cost in told]
+        levels = range(self.level, len(self._rungs))
+        fitting = (
+            level for level in levels if all(costs[level] <= AIM for costs in expected)
+        )  # fmt: skip
+        return next(fitting, levels[-1])
 
     def _expected(self, load: float, level: int) -> list[float]:
         """Return the share of the budget that frames should take on each rung."""

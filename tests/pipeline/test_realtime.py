@@ -491,17 +491,38 @@ def test_where_somebody_waits_for_frames_none_catches_up():
     assert not any(choice.catches_up for choice in choices)
 
 
-def test_where_frames_do_not_catch_up_the_stream_goes_down():
+def test_where_frames_do_not_catch_up_the_next_ones_are_made_farther_down():
     """What the rung below should cost was wrong: it takes as long."""
     loads = [1.2] * 6 + [0.5] * 20
     controller, choices = _watched(loads, first=0.0, count=300, mixes=True)
-    assert controller.level >= 5  # which the next one makes good for
-    tail = choices[-100:]
-    assert not any(choice.drop for choice in tail)
-    in_a_row = [
-        sum(1 for _ in run) for up, run in itertools.groupby(c.catches_up for c in choices) if up
-    ]
-    assert max(in_a_row) <= IN_A_ROW
+    assert controller.level > 0
+    assert not any(choice.drop for choice in choices[20:])
+    caught_up = [
+        list(run) for up, run in itertools.groupby(choices, lambda c: c.catches_up) if up
+    ]  # fmt: skip
+    assert max(map(len, caught_up)) <= IN_A_ROW
+    assert sum(loads[choice.level] for choice in choices) > 0.95 * len(choices)
+
+
+def test_where_no_rung_catches_up_the_stream_goes_down():
+    loads = [1.2] * 26
+    controller, choices = _watched(loads, first=0.0, count=100, mixes=True)
+    assert controller.level == len(controller.rungs) - 1
+    runs = itertools.groupby(choices[1:], lambda choice: choice.catches_up)
+    assert max(sum(1 for _ in run) for up, run in runs if up) <= IN_A_ROW
+
+
+@pytest.mark.parametrize("times", [1.2, 2.4])
+def test_others_that_begin_to_use_the_machine_cost_no_frame(times):
+    """What catches up is told by the frame before it, too, and not by those before they began."""
+    clock, controller = Clock(), _controller(mixes=True)
+    works, dropped = _works(), 0
+    for number, choice in paced(range(80), controller, clock):
+        dropped += choice.drop
+        load = 0.8 * (times if number > 40 else 1.0) if number else 0.0
+        clock.now += 0.0 if choice.drop else load * works[choice.level] * BUDGET
+    assert dropped == 0
+    assert (controller.level > 0) == (times > 1.5)
 
 
 @given(st.floats(0.1, 20), st.integers(1, 200))
