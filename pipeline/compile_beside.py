@@ -46,9 +46,10 @@ def compile_reconstruction() -> None:
         is_reference=False,
     )
     reconstruct_frame(alone)
-    both = {LEFT: [own, replace(own, registered=other)]}
     views = (LEFT, RIGHT)
-    reconstruct_frame(replace(alone, sources=views, near=views, registrations=both))
+    # either eye of the same two: what is compiled does not ask
+    both = {view: [own, replace(own, registered=other)] for view in views}
+    reconstruct_frame(replace(alone, targets=views, sources=views, near=views, registrations=both))
 
 
 HALVES: tuple[Callable[[], None], ...] = (compile_registration, compile_reconstruction)

@@ -2,7 +2,7 @@
 
 A state machine that knows nothing of images: it is told what was found, and says what comes next.
 What is small is descended in one compiled call, :func:`descend`: between calls threads wait for the
-interpreter's lock. Of what has several bands each sweep over them is one, by the same rules.
+interpreter's lock. Of what is large each sweep is one, by the same rules.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from numba import njit
 
 from pipeline.compiled import EXACT, OPTIONS
-from pipeline.reconstruction.sweeps import look_and_sharpen, turn_and_apply, weigh_prior
+from pipeline.reconstruction.sweeps import look_and_sharpen, total, turn_and_apply
 
 SHORT_HOLD = 2
 """Steps for which the prior is held, at most, where the end of a descent is not looked for only
@@ -48,6 +48,7 @@ def renews(rules: Rules, state: State) -> bool:
     """Return whether the prior is weighed anew for the next step.
 
     What is due for a last step that is stretched, or just before, is weighed for the last but one.
+    A descent that ends so does not weigh it for its second step either.
 
     >>> state = begun(rules_of(5, 2, 0.1, 2.0))
     >>> for state[DONE], state[HELD] in ((1, 2), (2, 2), (3, 3), (4, 1)):
@@ -58,6 +59,8 @@ def renews(rules: Rules, state: State) -> bool:
     False
     """
     held, hold, left = state[HELD], rules[HOLD], rules[STEPS] - state[DONE]
+    if rules[STRETCH] >= 0 and state[DONE] == 1 and left > 2:
+        return False
     if rules[STRETCH] < 0 or state[DONE] == 0 or left > 3:
         return held >= hold
     if left == 2:
@@ -117,8 +120,9 @@ _renews, _looked, _turned = njit(**EXACT)(renews), njit(**EXACT)(looked), njit(*
 
 @njit(**OPTIONS)
 def descend(
-    rules, state, scale, strength, share, least, nothing, taps_x, taps_y, sharpening_x,
-    sharpening_y, masses, units, local, estimate, direction, residual, swept, prior,
+    rules, state, scale, strength, share, least, balance, rows_a_line, nothing, taps_x, taps_y,
+    sharpening_x, sharpening_y, masses, units, local, estimate, direction, residual, swept, prior,
+    sums,
 ):  # fmt: skip
     """Descend from where the state says, all rows of an image at once; all is changed in place.
 
@@ -138,17 +142,16 @@ def descend(
     of_two, of_three = (beyond, beyond), (beyond, beyond, beyond)
     while state[DONE] < rules[STEPS]:
         renewed = _renews(rules, state)
-        if renewed:
-            weigh_prior(state[STEP], estimate, direction, scale, local, 0, height, prior)
-        energy, along = look_and_sharpen(
+        look_and_sharpen(
             state[STEP], estimate, direction, residual, swept, of_three, prior, strength, share,
-            least, sharpening_x, sharpening_y, 0, height, swept,
+            least, balance, rows_a_line, sharpening_x, sharpening_y, 0, height, swept, scale, local,
+            renewed, sums,
         )  # fmt: skip
-        if not _looked(rules, state, renewed, energy, along):
+        if not _looked(rules, state, renewed, total(sums[0]), total(sums[1])):
             return
-        curvature = turn_and_apply(
+        turn_and_apply(
             swept, state[FACTOR], direction, of_two, taps_x, taps_y, masses, units, nothing, prior,
-            strength, 0, height, True, swept,
+            strength, 0, height, True, swept, sums,
         )  # fmt: skip
-        if not _turned(rules, state, curvature):
+        if not _turned(rules, state, total(sums[0]) + total(sums[1])):
             return

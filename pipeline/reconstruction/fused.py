@@ -90,7 +90,7 @@ SMALLEST_SIGMA = 0.5
 class FusedTuning:
     """The constants of the solver, measured on the sample and on real scenes."""
 
-    prior_strength: float = 0.2
+    prior_strength: float = 0.19
     """λ at noise 1 and σ_psf 1, where a picture is flat."""
     prior_noise_powers: tuple[float, float] = (1.92, 1.6)
     """λ grows with the noise to the first power below noise 1, to the second above …"""
@@ -131,15 +131,19 @@ class FusedTuning:
     """Conjugate-gradient steps from all views, at most."""
     only: int = 18
     """The same where the reference is the only view."""
-    hold: float = 2.8
+    hold: float = 2.2
     """Steps for which the prior is held quadratic at noise 1, at least one; in inverse proportion
     to the noise: the less there is, the less the prior says."""
     data_share: float = DATA_SHARE
     """What the preconditioner adds for the observations."""
+    gain: float | None = 20.0
+    """How many times as much of what the PSF has removed the preconditioner takes, more or less,
+    going by how much is observed around each pixel, so that what few views see comes to rest as
+    soon as what all see; None: by the PSF as it is, the same everywhere."""
     stretch: float | None = 2.3
     """How many times as far as the step before it the last one from all views goes; None: as far as
     its direction tells, which costs a multiplication by the matrix."""
-    nearly: float = 1.5
+    nearly: float = 1.8
     """That one is taken where so many times the share is left at which a descent has come far
     enough."""
     settled: float = 0.05
@@ -148,7 +152,7 @@ class FusedTuning:
     settled_psf_powers: tuple[float, float] = (2.0, -1.0)
     """… with σ_psf to the first power below σ_psf 1, to the second above: behind a narrow PSF there
     is aliasing to undo, behind a wide one little that is still seen; …"""
-    settled_noise_powers: tuple[float, float] = (1.0, -2.0)
+    settled_noise_powers: tuple[float, float] = (1.0, -2.3)
     """… and with the noise to the first power below noise 1, to the second above: the less there
     is, the longer it pays to go on; the more there is, the more of the first gradient is noise."""
 
@@ -448,8 +452,9 @@ def fuse(
     begun = begun or _begun(own.observed, grid, psf, noise, learned, tuning, start)
     estimate = begun.estimate
     system = NormalEquations(
-        shape, taps, psf_taps(psf, grid), float(own.observed.mean()), begun.local, most_bands
-    )
+        shape, taps, psf_taps(psf, grid), float(own.observed.mean()), begun.local, most_bands,
+        (grid.magnification_y, grid.magnification_x), tuning.gain,
+    )  # fmt: skip
     stop_reason = "iterations"
 
     def solve(estimate: HrImage, plan: int, most: int | None, stretch: float | None) -> HrImage:

@@ -511,12 +511,12 @@ _NEIGHBOURS = ((0, 0, 1), (1, 1, -1), (2, 1, 0), (3, 1, 1))
 @intrinsic
 def pull_wide(
     typing_context, weights, at, plane, pitch, image, up, row, down, strength, share, least,
-    residual, softness, to,
+    balance, balance_at, residual, softness, to,
 ):  # fmt: skip
     """Take the prior's pull off the residual of sixteen pixels, and write their softness.
 
     The pull is ``strength`` times the weighted graph Laplacian, diagonals counting half; the
-    softness is 1 / (share · its diagonal + least).
+    softness is 1 / (share · balance² · its diagonal + least).
 
     Parameters
     ----------
@@ -527,23 +527,25 @@ def pull_wide(
     image : float32 array
     up, row, down : intp
         Of the first pixel in the row above, this one and the row below.
+    balance, balance_at : float32 array, intp
+        Of the first pixel.
     residual, softness, to : float32 arrays, intp
         Changed in place, and overwritten.
     """
     signature = types.void(
         weights, *(types.intp,) * 3, image, *(types.intp,) * 3, *(types.float32,) * 3,
-        residual, softness, types.intp,
+        balance, types.intp, residual, softness, types.intp,
     )  # fmt: skip
 
     def generate(context, builder, signature, arguments):
         wide = _Vectors(builder, WIDE)
-        planes, pixels, target, soft = (
-            _data(context, builder, signature, arguments, number) for number in (0, 4, 11, 12)
+        planes, pixels, balances, target, soft = (
+            _data(context, builder, signature, arguments, number) for number in (0, 4, 11, 13, 14)
         )
         first, plane, pitch = arguments[1:4]
         above, row, below = arguments[5:8]
         strength, share, least = arguments[8:11]
-        to = arguments[13]
+        to = arguments[15]
         centre = wide.load(pixels, row)
         pulls, sums = [wide.zeros, wide.zeros], [wide.zeros, wide.zeros]
         for number, down, dx in _NEIGHBOURS:
@@ -563,7 +565,9 @@ def pull_wide(
             for straight, diagonal in (pulls, sums)
         )
         wide.store(wide.subtract(wide.load(target, to), pull), target, to)
-        stiff = wide.add(wide.times(total, wide.spread(share)), wide.spread(least))
+        balanced = wide.load(balances, arguments[12])
+        factor = wide.times(wide.spread(share), wide.times(balanced, balanced))
+        stiff = wide.add(wide.times(total, factor), wide.spread(least))
         ones = wide.ones
         wide.store(builder.fdiv(ones, stiff, flags=wide.flags), soft, to)
         return context.get_dummy_value()

@@ -2,9 +2,10 @@
 
 A sweep lets rows stream through blur, lattice, blur and prior while they are in the
 processor's cache: each array is read or written once. A band computes the rows that it needs
-of its neighbours anew, so that bands may run side by side, and no sum depends on how many do; what
-it changes it changes in place, and reads of its neighbours what was set aside before.
-What makes the rings for it, and what works in them, are functions of their own.
+of its neighbours anew, so that bands may run side by side; what it changes it changes in place, and
+reads of its neighbours what was set aside before. What is summed is kept row by row, so that no sum
+depends on the bands. What makes the rings for it, and what works in them, are functions of their
+own.
 """
 
 from __future__ import annotations
@@ -66,14 +67,19 @@ BEHIND = WIDE + 2
 many as loops by sixteens read there."""
 
 BENT_EVERY, BENT_FROM = 4, 64
-"""Rows of which one tells what the prior makes of a direction's curvature, in bands of so many or
+"""Rows of which one tells what the prior makes of a direction's curvature, in images of so many or
 more: how far a step goes need not be known better."""
+
+
+WEIGHED = 32
+"""Rows of the prior that are weighed together just before they are looked at: they and what they
+are weighed by are still in the second cache then."""
 
 
 @njit(**OPTIONS)
 def turn_and_apply(
     sharpened, factor, direction, beyond, taps_x, taps_y, masses, units, rhs, prior, strength, lo,
-    hi, writes, out,
+    hi, writes, out, sums,
 ):  # fmt: skip
     """Write the next conjugate direction p, and Bᵀ M B p, into rows ``lo`` to ``hi``.
 
@@ -100,17 +106,15 @@ def turn_and_apply(
         Whether p takes the place of ``direction``.
     out : (KH, KW) float32
         ``sharpened`` itself, or another one.
-
-    Returns
-    -------
-    float
-        Of these rows, pᵀ (Bᵀ M B + λ P) p; the latter of one row of ``BENT_EVERY``.
+    sums : (2, KH) float64
+        Of these rows, pᵀ Bᵀ M B p and λ pᵀ P p; the latter of one row of ``BENT_EVERY``, in the
+        place of all.
     """
     width, reach = sharpened.shape[1], taps_y.size - 1
     lines = 2 * reach + 1
-    return _turn_and_apply(
+    _turn_and_apply(
         sharpened, factor, direction, beyond, taps_x, taps_y, masses, units, rhs, prior, strength,
-        lo, hi, writes, out,
+        lo, hi, writes, out, sums,
         make_lines(lines, whole(width)), make_lines(lines, whole(width)),
         make_lines(NUM_LINES, pitch_of(width)).reshape(-1),
         make_lines(NUM_STRIP_LINES, STRIP_PITCH).reshape(-1),
@@ -123,7 +127,7 @@ def turn_and_apply(
 @njit(**LEAN)
 def _turn_and_apply(
     sharpened, factor, direction, beyond, taps_x, taps_y, masses, units, rhs, prior, strength, lo,
-    hi, writes, out, blurred, back, work, strip, around, room, line,
+    hi, writes, out, sums, blurred, back, work, strip, around, room, line,
 ):  # fmt: skip
     height, width = sharpened.shape
     reach, lines = taps_y.size - 1, blurred.shape[0]
@@ -135,8 +139,8 @@ def _turn_and_apply(
     end_spline, next_spline = min(height, end_lattice + 1), max(0, next_lattice - 1)
     end_blurred, next_blurred = min(height, end_spline + reach), max(0, next_spline - reach)
     f, s = np.float32(factor), np.float32(strength)
-    every = BENT_EVERY if hi - lo >= BENT_FROM else 1
-    total, bent, count = 0.0, 0.0, 0
+    every = BENT_EVERY if height >= BENT_FROM else 1
+    times = s * (height / ((height + every - 1) // every))
     for y in range(lo, hi):
         while next_back < min(end_back, y + reach + 1):
             v = next_back
@@ -170,8 +174,8 @@ def _turn_and_apply(
         own = around[y % 2, LEAD : LEAD + width]
         if writes:
             copy_row(own, direction[y])
-        total += dot_row(own, out[y])
-        if (y - lo) % every > 0:
+        sums[0, y], sums[1, y] = dot_row(own, out[y]), 0.0
+        if y % every > 0:
             continue
         first = (y + 1) * pitch + LEAD
         own_at, below_at = y % 2 * length + LEAD, below * length + LEAD
@@ -179,9 +183,7 @@ def _turn_and_apply(
             bend_wide(
                 prior, first + x, plane, around, own_at + x, below_at + x, line, x
             )  # fmt: skip
-        bent += sum_row(line[:width])
-        count += 1
-    return total + s * bent * ((hi - lo) / count)
+        sums[1, y] = times * sum_row(line[:width])
 
 
 @njit(**LEAN)
@@ -228,13 +230,14 @@ def _subtract(row, line):
 
 @njit(**OPTIONS)
 def look_and_sharpen(
-    step, estimate, direction, residual, applied, beyond, prior, strength, share, least, taps_x,
-    taps_y, lo, hi, sharpened,
+    step, estimate, direction, residual, applied, beyond, prior, strength, share, least, balance,
+    rows_a_line, taps_x, taps_y, lo, hi, sharpened, scale, local, weighs,
+    sums,
 ):  # fmt: skip
     """Take a step along the direction, look where it leads, and sharpen what is left to do.
 
     Changes rows ``lo`` to ``hi`` of the estimate x and of its residual Bᵀ (b − M B x), and writes
-    those of the preconditioned gradient (I + (I − G) e (I − G)) r,
+    those of the preconditioned gradient a (I + (I − G) e (I − G)) a r,
     r = Bᵀ (b − M B x) − λ P(x) x.
 
     Parameters
@@ -251,21 +254,26 @@ def look_and_sharpen(
     strength : float
         λ, in units of the prior; its diagonals count half.
     share, least : float
-        e is 1 / (share · λ · Σ weights + least).
+        e is 1 / (share · a² · λ · Σ weights + least).
+    balance : (⌈KH / rows_a_line⌉, whole(KW)) float32
+        a, a line of it for so many rows.
+    rows_a_line : int
     taps_x, taps_y : float32
         Half taps of G.
     sharpened : (KH, KW) float32
         ``applied`` itself, or another one.
-
-    Returns
-    -------
-    energy, along : float
+    scale, local
+        Of :func:`weigh_prior`.
+    weighs : bool
+        Whether that is done on the way, of a band that is all of the image; else what is read of
+        the prior has been weighed.
+    sums : (2, KH) float64
         Of these rows, the scalar products of r with its sharpened self and with p.
     """
     width, lines = estimate.shape[1], 2 * taps_y.size - 1
-    return _look_and_sharpen(
+    _look_and_sharpen(
         step, estimate, direction, residual, applied, beyond, prior, strength, share, least,
-        taps_x, taps_y, lo, hi, sharpened,
+        balance, rows_a_line, taps_x, taps_y, lo, hi, sharpened, scale, local, weighs, sums,
         make_lines(lines, whole(width)), make_lines(lines, whole(width)),
         make_lines(lines, whole(width)), make_lines(lines, whole(width)),
         make_lines(lines, whole(width)),
@@ -277,8 +285,9 @@ def look_and_sharpen(
 
 @njit(**LEAN)
 def _look_and_sharpen(
-    step, estimate, direction, residual, applied, beyond, prior, strength, share, least, taps_x,
-    taps_y, lo, hi, sharpened, gradient, softness, blurred, fine, smoothed, around, room, line,
+    step, estimate, direction, residual, applied, beyond, prior, strength, share, least, balance,
+    rows_a_line, taps_x, taps_y, lo, hi, sharpened, scale, local, weighs, sums, gradient,
+    softness, blurred, fine, smoothed, around, room, line,
 ):  # fmt: skip
     height, width = estimate.shape
     reach, lines = taps_y.size - 1, gradient.shape[0]
@@ -292,12 +301,17 @@ def _look_and_sharpen(
     next_row = max(0, next_fine - reach)
     for row in range(max(0, next_row - 1), next_row + 1):
         _row_plus(estimate, beyond[0], row, lo, hi, s, direction[row], around[row % 3, LEAD:])
-    energy, along = 0.0, 0.0
+    weighed = 0 if weighs else height
     for y in range(lo, hi):
         while next_fine < min(end_fine, y + reach + 1):
             v = next_fine
             while next_row < min(end_row, v + reach + 1):
                 u = next_row
+                if weighed < min(u + 4, height):
+                    # two rows before them are read, and have to be as they were
+                    more = min(weighed + WEIGHED, height)
+                    weigh_prior(step, estimate, direction, scale, local, weighed, more, prior)
+                    weighed = more
                 above = (u - 1) % 3 if u > 0 else 3
                 below = 3
                 if u + 1 < height:
@@ -317,13 +331,18 @@ def _look_and_sharpen(
                 if lo <= u < hi:
                     copy_row(around[u % 3, LEAD : LEAD + width], estimate[u])
                     copy_row(row[:width], residual[u])
+                own = u // rows_a_line
                 for x in range(0, width, WIDE):
                     at = LEAD + x
                     pull_wide(
                         prior, (u + 1) * pitch + at, plane, pitch, around,
                         above * length + at, u % 3 * length + at, below * length + at,
-                        lam, share, least, gradient, softness, u % lines * size + x,
+                        lam, share, least, balance, own * size + x,
+                        gradient, softness, u % lines * size + x,
                     )  # fmt: skip
+                if lo <= u < hi:
+                    sums[1, u] = dot_row(row[:width], direction[u])
+                _times(row[:width], balance[own])
                 blur_row(row[:width], taps_x, room, blurred[u % lines])
                 next_row += 1
             blur_ring(blurred, v, taps_y, height, width, line)
@@ -331,10 +350,10 @@ def _look_and_sharpen(
             blur_row(fine[v % lines, :width], taps_x, room, smoothed[v % lines])
             next_fine += 1
         blur_ring(smoothed, y, taps_y, height, width, line)
-        row = gradient[y % lines, :width]
-        energy += _sharp(row, fine[y % lines], line, sharpened[y])
-        along += dot_row(row, direction[y])
-    return energy, along
+        sums[0, y] = _sharp(
+            gradient[y % lines, :width], fine[y % lines], line, balance[y // rows_a_line],
+            sharpened[y],
+        )  # fmt: skip
 
 
 @njit(**LEAN)
@@ -343,12 +362,28 @@ def _soften(row, blurred, softness, out):
         out[x] = softness[x] * (row[x] - blurred[x])
 
 
+@njit(**OPTIONS)
+def total(sums):
+    """Return the sum of numbers, from the first to the last: however many bands have made them."""
+    found = 0.0
+    for number in sums:
+        found += number
+    return found
+
+
 @njit(**LEAN)
-def _sharp(row, fine, smoothed, out):
+def _times(row, factors):
+    """Multiply a row, in place."""
+    for x in range(row.size):
+        row[x] *= factors[x]
+
+
+@njit(**LEAN)
+def _sharp(row, fine, smoothed, balance, out):
     total = np.float32(0.0)
     for x in range(row.size):
         value = row[x] + (fine[x] - smoothed[x])
-        out[x] = value
+        out[x] = balance[x] * value
         total += row[x] * value
     return total
 

@@ -41,6 +41,10 @@ NUM_BANDS = 4
 BAND_ROWS = 64
 """HR rows that a band has at least, where there is more than one."""
 
+AT_ONCE = 600_000
+"""HR pixels of one band up to which a descent is one call; of more, each sweep is, so that between
+two of them it may be stopped."""
+
 TILE = 24_000
 """HR pixels of the rows that are gathered together: their sums stay in the processor's cache."""
 
@@ -50,8 +54,11 @@ NEGLIGIBLE = 5e-4
 PRIOR_SHARE = 0.5
 """Of the preconditioner: how much of the prior's diagonal it takes for what the PSF removed …"""
 
-DATA_SHARE = 0.04
+DATA_SHARE = 0.025
 """… and what it adds for the observations. Flat from 0.01 to 0.06."""
+
+LEAST_DENSITY = 0.05
+"""What it adds to the weight of what is observed around an HR pixel, where it goes by that."""
 
 HrImage = npt.NDArray[np.float32]
 """(K·H, K·W) float32."""
@@ -88,6 +95,39 @@ def on_lines(shape: tuple[int, ...], kind: type[Number]) -> npt.NDArray[Number]:
     return found[first : first + size].view(kind).reshape(shape)
 
 
+def low_pass(half: npt.NDArray[np.float32], gain: float) -> npt.NDArray[np.float32]:
+    """Return the half taps of a low-pass by which a preconditioner undoes a blur.
+
+    Where B is the transfer of the blur, I + gain · (I − H)² is to be 1 / B²; where that is more
+    than 1 + gain, H is to be nothing. As many taps as the blur has, unit sum, by least squares,
+    the lowest tenth of the frequencies counting sixteen times.
+
+    Parameters
+    ----------
+    half : (reach + 1,) float32
+        Half taps of the blur.
+    gain : float
+    """
+    frequencies = np.linspace(0, np.pi, 400)
+    waves = 2 * np.cos(np.outer(frequencies, np.arange(half.size)))
+    waves[:, 0] = 1
+    transfer = np.maximum(np.abs(waves @ half.astype(float)), 1e-3)
+    wanted = np.maximum(1 - np.sqrt(np.maximum(transfer**-2 - 1, 0) / gain), 0)
+    weights = np.where(frequencies < np.pi / 10, 4.0, 1.0)
+    weights[0] = 1e3  # what is constant passes
+    taps = np.linalg.lstsq(waves * weights[:, None], wanted * weights)[0]
+    return (taps / (taps[0] + 2 * taps[1:].sum())).astype(np.float32)
+
+
+@functools.lru_cache(maxsize=16)
+def _low_passes(
+    taps: SeparableTaps, gain: float | None
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return half taps along x and along y of what a preconditioner undoes a blur by."""
+    x, y = _halves(taps)
+    return (x, y) if gain is None else (low_pass(x, gain), low_pass(y, gain))
+
+
 @functools.lru_cache(maxsize=16)
 def _halves(taps: SeparableTaps) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Return the half taps along x and along y."""
@@ -111,6 +151,12 @@ class NormalEquations:
         m, the share of λ that there is at each pixel, 0..1; default: 1.
     most_bands : int
         Bands of HR rows, at most.
+    cell : (int, int)
+        Rows and columns of HR pixels over which the weight of what is observed is averaged.
+    gain : float, optional
+        That times as much, at most, it takes of what the PSF has removed, more or less, and goes
+        by how much is observed around each pixel; default: by the PSF as it is, the same
+        everywhere.
     """
 
     def __init__(
@@ -121,12 +167,15 @@ class NormalEquations:
         level: float = 0.0,
         local: HrImage | None = None,
         most_bands: int = NUM_BANDS,
+        cell: tuple[int, int] = (1, 1),
+        gain: float | None = None,
     ) -> None:
         self.shape = shape
+        self._cell, self._is_balanced = cell, gain is not None
         self._level = np.float32(level)
         local = np.ones(shape, np.float32) if local is None else local
         self._local = cv2.copyMakeBorder(local, 0, 0, 1, BEHIND, cv2.BORDER_REPLICATE)
-        self._along, self._sharpening = _halves(taps), _halves(sharpening)
+        self._along, self._sharpening = _halves(taps), _low_passes(sharpening, gain)
         height, width = shape
         self._origin: HrImage | None = None
         self._masses = on_lines((height, kernels.LATTICE, whole(width)), np.uint16)
@@ -134,7 +183,9 @@ class NormalEquations:
         self._units = np.empty(height, np.float32)
         self._rhs = np.empty(shape, np.float32)
         self._has_gathered = False
+        self._density: HrImage | None = None
         self._bands = bands(shape[0], most_bands)
+        self._sums = np.empty((2, height))
         self._scratch: list[HrImage] = []
         self.steps = 0
 
@@ -163,7 +214,7 @@ class NormalEquations:
     def gather_table(self, table: Table, predicted_by: HrImage | None = None) -> None:
         """Do what :meth:`gather` does with a table of observations, see ``kernels.WEIGHT``."""
         height, width = self.shape
-        self._origin, self._has_gathered = predicted_by, True
+        self._origin, self._has_gathered, self._density = predicted_by, True, None
         level = self._level if predicted_by is None else np.float32(0)
         stretches = [rows * -(-columns // TOGETHER) for rows, columns in table[:, -2:].tolist()]
         starts = np.cumsum([0, *stretches])
@@ -172,13 +223,15 @@ class NormalEquations:
             lambda some: kernels.landing_rows(table, starts, *some, height, landing),
             self.shares_of(len(table)),
         )
-        tile = min(max(TILE // width, 1), max(hi - lo for lo, hi in self._bands) + 2)
+        # how many bands are swept does not change in what order is added up
+        parts = bands(height)
+        tile = min(max(TILE // width, 1), max(hi - lo for lo, hi in parts) + 2)
         map_threads(
             lambda band: kernels.gather_band(
                 table, starts, landing, level, *band, tile, height, width, self._masses,
                 self._units, self._rhs,
             ),
-            self._bands,
+            parts,
         )  # fmt: skip
 
     def shares_of(self, count: int) -> list[tuple[int, int]]:
@@ -193,12 +246,14 @@ class NormalEquations:
         """(KH, KW): weight of the observations at the places that belong to each HR pixel."""
         if not self._has_gathered:
             self.gather([])
-        out = np.empty(self.shape, np.float32)
-        map_threads(
-            lambda band: kernels.sum_places(self._masses, self._units, *band, out),
-            self._bands,
-        )
-        return out
+        if self._density is None:
+            out = np.empty(self.shape, np.float32)
+            map_threads(
+                lambda band: kernels.sum_places(self._masses, self._units, *band, out),
+                self._bands,
+            )
+            self._density = out
+        return self._density
 
     def descend(
         self,
@@ -241,12 +296,13 @@ class NormalEquations:
             multiplied by the matrix then. What is due for the last of ``steps`` is weighed for the
             one before it. Default: as far as the matrix tells.
         stop : callable, optional
-            Polled before every step, or, where there is one band, before all; true ends the work.
+            Polled before every step, or, where one call makes all, before that; true ends the work.
         """
         if not self._has_gathered:
             self.gather([])
         # the sharpened gradient, and then the matrix times a direction, in place of one another
         image, residual, direction, swept = self._rooms()
+        balance = self._balance()
         np.subtract(estimate, self._level, out=image)
         direction[:] = 0
         prior = self._room_for_weights()
@@ -258,17 +314,18 @@ class NormalEquations:
         def is_stopped() -> bool:
             return stop is not None and stop()
 
-        if len(self._bands) == 1 and not is_stopped():
+        is_one_call = len(self._bands) == 1 and math.prod(self.shape) <= AT_ONCE
+        if is_one_call and not is_stopped():
             descent.descend(
-                rules, state, scale, unit, PRIOR_SHARE, data_share, NOTHING, *self._along,
-                *self._sharpening, self._masses, self._units, self._local, image, direction,
-                residual, swept, prior,
+                rules, state, scale, unit, PRIOR_SHARE, data_share, *balance, NOTHING,
+                *self._along, *self._sharpening, self._masses, self._units, self._local, image,
+                direction, residual, swept, prior, self._sums,
             )  # fmt: skip
-        while len(self._bands) > 1 and state[descent.DONE] < steps and not is_stopped():
+        while not is_one_call and state[descent.DONE] < steps and not is_stopped():
             renewed = descent.renews(rules, state)
             energy, along = self._look(
                 state[descent.STEP], image, direction, residual, swept, renewed, prior, scale,
-                unit, data_share, swept,
+                unit, data_share, balance, swept,
             )  # fmt: skip
             if not descent.looked(rules, state, renewed, energy, along):
                 break
@@ -301,6 +358,25 @@ class NormalEquations:
         away = image if self._origin is None else estimate - self._origin
         self._turn(away, 0.0, away, prior, 0.0, residual, self._rhs)
 
+    def _balance(self) -> tuple[HrImage, int]:
+        """Return what the preconditioner takes a pixel's gradient times, and its rows a line.
+
+        1 / √(w + ``LEAST_DENSITY``), w the mean weight of what is observed in the pixel's cell; or
+        1 everywhere.
+        """
+        height, width = self.shape
+        rows, columns = self._cell
+        size = (-(-width // columns), -(-height // rows)) if self._is_balanced else (1, 1)
+        lines = on_lines((size[1], whole(width)), np.float32)
+        if not self._is_balanced:
+            lines[:] = 1
+            return lines, height
+        cells = cv2.resize(self.density, size, interpolation=cv2.INTER_AREA)
+        found = 1 / np.sqrt(cells + np.float32(LEAST_DENSITY))
+        lines[:, :width] = cv2.resize(found, (width, size[1]), interpolation=cv2.INTER_NEAREST)
+        lines[:, width:] = 1  # read, though nothing comes of it
+        return lines, rows
+
     def _rooms(self) -> list[HrImage]:
         """Return arrays to work in, of whatever they held."""
         if not self._scratch:
@@ -325,31 +401,30 @@ class NormalEquations:
             (band, tuple(rows_beyond(read, *band, reach) for read in (sharpened, direction)))
             for band in self._bands
         ]
-        return float(
-            sum(
-                map_threads(
-                    lambda item: sweeps.turn_and_apply(
-                        sharpened, factor, direction, item[1], *self._along, self._masses,
-                        self._units, rhs, prior, unit, *item[0], writes, out,
-                    ),
-                    bands,
-                )
-            )
+        map_threads(
+            lambda item: sweeps.turn_and_apply(
+                sharpened, factor, direction, item[1], *self._along, self._masses, self._units,
+                rhs, prior, unit, *item[0], writes, out, self._sums,
+            ),
+            bands,
         )  # fmt: skip
+        return float(sweeps.total(self._sums[0]) + sweeps.total(self._sums[1]))
 
     def _look(
         self, step: float, image: HrImage, direction: HrImage, residual: HrImage,
         applied: HrImage, renew: bool, prior: npt.NDArray[np.uint16], scale: float, unit: float,
-        data_share: float, sharpened: HrImage,
+        data_share: float, balance: tuple[HrImage, int], sharpened: HrImage,
     ) -> tuple[float, float]:  # fmt: skip
         """Take a step in place, and write the preconditioned gradient; return two products of it.
 
-        The preconditioner is I + (I − G) e (I − G). What the PSF G has removed is told by the
-        prior alone, weakly and differently from pixel to pixel: e is the inverse of its
-        diagonal, and of what little the observations say. Symmetric, and positive definite as
-        e > 0.
+        The preconditioner is a (I + (I − G) e (I − G)) a. a is the inverse root of how much is
+        observed around a pixel (Jacobi), or 1; G is the PSF, or a steeper :func:`low_pass` made
+        for it. What the PSF has removed is told by the prior alone, weakly and differently from
+        pixel to pixel: e is the inverse of its diagonal, times a², and of what little the
+        observations say. Symmetric, and positive definite as e > 0.
         """
-        if renew:
+        is_alone = len(self._bands) == 1
+        if renew and not is_alone:
             map_threads(
                 lambda band: sweeps.weigh_prior(
                     step, image, direction, scale, self._local, *band, prior
@@ -364,14 +439,15 @@ class NormalEquations:
             )
             for band in self._bands
         ]
-        parts = map_threads(
+        map_threads(
             lambda item: sweeps.look_and_sharpen(
                 step, image, direction, residual, applied, item[1], prior, unit, PRIOR_SHARE,
-                data_share, *self._sharpening, *item[0], sharpened,
+                data_share, *balance, *self._sharpening, *item[0], sharpened, scale, self._local,
+                renew and is_alone, self._sums,
             ),
             bands,
         )  # fmt: skip
-        return float(sum(energy for energy, _ in parts)), float(sum(along for _, along in parts))
+        return float(sweeps.total(self._sums[0])), float(sweeps.total(self._sums[1]))
 
 
 def rows_beyond(image: HrImage, lo: int, hi: int, reach: int) -> tuple[HrImage, HrImage]:

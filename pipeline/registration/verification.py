@@ -405,9 +405,25 @@ def within_reach(jumps: npt.NDArray[np.uint8], reach: int) -> npt.NDArray[np.uin
 def count_rejections(flags: npt.NDArray[np.uint8]) -> dict[str, int]:
     """Return how many pixels carry each reason, by its lower-case name; all reasons listed."""
     counts = np.zeros((4, 256), np.int64)
-    _count(np.ascontiguousarray(flags).reshape(-1), counts)
+    flat = np.ascontiguousarray(flags).reshape(-1)
+    whole = flat.size // 8 * 8
+    _count_by_eights(flat[:whole].view(np.uint64), counts)
+    _count(flat[whole:], counts)
     sums = (counts.sum(axis=0) @ _HAS_REASON).tolist()
     return dict(zip(_REASONS, sums, strict=True))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _count_by_eights(words, counts):
+    """Do what :func:`_count` does with eight bytes at once, most of which have no flag."""
+    none = 0
+    for word in words:
+        if word == 0:
+            none += 8
+        else:
+            for k in range(8):
+                counts[k & 3, (word >> np.uint64(8 * k)) & np.uint64(255)] += 1
+    counts[0, 0] += none
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

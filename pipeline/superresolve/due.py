@@ -19,7 +19,10 @@ from pipeline.reconstruction.fused import FusedTuning, by_power
 from pipeline.superresolve.memory import Solved
 from pipeline.superresolve.registered import RegisteredFrame
 
-WARM = FusedTuning(alone=0.0, together=4, stretch=None)
+WARM = FusedTuning(
+    prior_strength=0.2, alone=0.0, together=4, hold=2.8, data_share=0.04, gain=None,
+    stretch=None, nearly=1.5,
+)  # fmt: skip
 """Work from the previous frame's result; see :class:`FusedTuning` for that from a cold start."""
 
 NEW = replace(WARM, together=14, settled=0.08)
@@ -30,15 +33,14 @@ QUIET = 1.0
 and what of the reference alone has not been found yet passes for disagreement of the others."""
 
 MOVED = FusedTuning(
-    together=6, hold=4.2, prior_strength=0.14, prior_noise_powers=(1.75, 1.75),
-    prior_psf_powers=(-1.0, -1.35), data_share=0.015, nearly=1.0, stretch=4.0, agreeing=0.65,
-    corrections=1,
+    together=5, prior_strength=0.125, prior_noise_powers=(1.75, 1.75),
+    prior_psf_powers=(-1.0, -1.35), gain=7.0, nearly=1.0, stretch=4.5,
+    agreeing=0.65, corrections=1,
 )  # fmt: skip
 """Work from a cold start where the camera has moved, of two views and at σ_psf 1: few steps smooth
-by themselves, and leave less to the prior, which at noise 2 is weighed anew in every second one;
-with so few observations they may go farther. What is left to do after so few steps lies where the
-last one goes, which is not asked how far. Landing points are corrected where views agree less than
-is enough for a cold start to be worth it. More views need no more steps as it is."""
+by themselves, and leave less to the prior. What is left to do after so few lies where the last one
+goes, which is not asked how far. Landing points are corrected where views agree less than is enough
+for a cold start to be worth it. More views need no more steps as it is."""
 
 MOVED_FROM = 1.0
 """Noise from which so few steps are enough: with less of it there is more to find, grey levels."""
@@ -46,7 +48,7 @@ MOVED_FROM = 1.0
 MOVED_PSF_POWERS = (-1.3, 1.0)
 """They grow with σ_psf to the first power below σ_psf 1, to the second above; …"""
 
-MOVED_NOISE_POWERS = (-0.46, 0.15)
+MOVED_NOISE_POWERS = (-0.46, 0.3)
 """… and with the noise likewise, below and above noise 2."""
 
 STILL = replace(WARM, together=2, prior_detail=(0.25, 0.5))

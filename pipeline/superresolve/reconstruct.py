@@ -271,8 +271,8 @@ def _solve(
     if settings.solver != Solver.FUSED:
         return _solve_by_pocs(frame, registered, start, residual_threshold, stop)
     begun = frame.begun[target]() if start is None and target in frame.begun else None
-    # several targets go side by side, so that their bands do not; few steps need no asking to stop
-    is_one_band = frame.has_moved and len(frame.targets) > 1
+    # several targets go side by side, so that their bands do not
+    is_one_band = len(frame.targets) > 1
     return fuse(
         registered, settings.grid, frame.frame.lr_shape, frame.psf, noise=frame.noise,
         residual_threshold=residual_threshold, stop=stop, start=start, begun=begun,

@@ -100,16 +100,18 @@ def test_what_is_due_is_as_if_all_had_been_solved_and_the_rest_is_kept():
     common = {"noise": 1.0, "residual_threshold": 20.0}
     before = fuse(_views(0), GRID, SHAPE, PSF, **common)
     views = _views(1)
-    expected = fuse(views, GRID, SHAPE, PSF, start=before.estimate, **common)
+    # as many steps for either: a part is at rest sooner or later than the whole
+    tuning = FusedTuning(settled=0.0, together=8)
+    expected = fuse(views, GRID, SHAPE, PSF, start=before.estimate, tuning=tuning, **common)
     wanted = np.zeros(SHAPE, bool)
     wanted[20:44, 30:60] = True
     found = fuse_again(
         views, GRID, PSF, before, before.estimate,
-        [Due(wanted=wanted, noise=1.0, tuning=FusedTuning())], residual_threshold=20.0,
+        [Due(wanted=wanted, noise=1.0, tuning=tuning)], residual_threshold=20.0,
     )  # fmt: skip
     fine = wanted.repeat(2, 0).repeat(2, 1)
     np.testing.assert_array_equal(found.estimate[~fine], before.estimate[~fine])
     away = found.estimate - expected.estimate
     step = expected.estimate - before.estimate
-    assert np.abs(away[fine]).mean() < 0.05 * np.abs(step[fine]).mean()
+    assert np.abs(away[fine]).mean() < 0.02 * np.abs(step[fine]).mean()
     assert 0 < found.iterations < expected.iterations / 2

@@ -13,7 +13,14 @@ from pipeline.grid import Grid, Sampling
 from pipeline.reconstruction import kernels, sweeps
 from pipeline.reconstruction.psf import GaussianPsf, SeparableTaps, psf_taps, sampling_taps
 from pipeline.reconstruction.simd import TOGETHER
-from pipeline.reconstruction.system import NormalEquations, bands, simulate
+from pipeline.reconstruction.system import (
+    LEAST_DENSITY,
+    NormalEquations,
+    bands,
+    half_taps,
+    low_pass,
+    simulate,
+)
 from pipeline.threads import set_threads, thread_count
 
 PSF = GaussianPsf(sigma=1.0, support=7)
@@ -56,9 +63,11 @@ def _no_prior(shape=HR_SHAPE) -> np.ndarray:
 
 
 def _system(
-    *observations, shape=HR_SHAPE, taps=TAPS, sharpening=None, local=None
+    *observations, shape=HR_SHAPE, taps=TAPS, sharpening=None, local=None, cell=(1, 1), gain=None
 ) -> NormalEquations:
-    system = NormalEquations(shape, taps, sharpening or psf_taps(PSF, GRID), local=local)
+    system = NormalEquations(
+        shape, taps, sharpening or psf_taps(PSF, GRID), local=local, cell=cell, gain=gain
+    )
     system.gather(observations)
     return system
 
@@ -84,8 +93,9 @@ def _prior_times(image: np.ndarray, prior: np.ndarray, scale: float) -> np.ndarr
     system = NormalEquations(image.shape, TAPS, NO_SHARPENING)
     unit = 1 / (scale * sweeps.TOP)
     system._look(
-        0.0, image.copy(), nothing, nothing.copy(), nothing, False, prior, scale, unit, 1.0, pull
-    )
+        0.0, image.copy(), nothing, nothing.copy(), nothing, False, prior, scale, unit, 1.0,
+        system._balance(), pull,
+    )  # fmt: skip
     return -pull
 
 
@@ -253,8 +263,8 @@ def test_bands_cover_every_row_once(height):
 def _gathered(views, rows, tile):
     """Masses and right-hand side of HR_SHAPE, gathered in bands and in tiles of so many rows."""
     system = NormalEquations(HR_SHAPE, TAPS, psf_taps(PSF, GRID))
-    system._bands = list(pairwise(rows))
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipeline.reconstruction.system.bands", lambda _: list(pairwise(rows)))
         patch.setattr("pipeline.reconstruction.system.TILE", tile * HR_SHAPE[1])
         system.gather(views)
     return system._masses[..., : HR_SHAPE[1]] * system._units[:, None, None], system._rhs
@@ -327,9 +337,12 @@ def test_one_thread_or_two_gather_and_solve_the_same_bits():
         np.testing.assert_array_equal(one, two)
 
 
-@given(cuts=st.lists(st.integers(1, HR_SHAPE[0] - 1), max_size=4))
-def test_sweeps_by_bands_are_the_same_bits(cuts):
-    system = _system(_observations())
+@given(
+    cuts=st.lists(st.integers(1, HR_SHAPE[0] - 1), max_size=4), gain=st.sampled_from([None, 20.0])
+)
+def test_sweeps_by_bands_are_the_same_bits(cuts, gain):
+    system = _system(_observations(), cell=(2, 3), gain=gain)
+    balance = system._balance()
     image = _image()
     x, y, _, _ = _observations(count=(HR_SHAPE[0], 7))
     results = []
@@ -342,8 +355,9 @@ def test_sweeps_by_bands_are_the_same_bits(cuts):
             direction, residual, matrix = (_image(seed=seed) for seed in (5, 6, 7))
             looking, sharpened = image.copy(), np.empty_like(image)
             system._look(
-                0.3, looking, direction, residual, matrix, renew, prior, 5.0, 0.7, 0.04, sharpened
-            )
+                0.3, looking, direction, residual, matrix, renew, prior, 5.0, 0.7, 0.04, balance,
+                sharpened,
+            )  # fmt: skip
             looked += [looking, residual, sharpened, prior.copy()]
         turned = [direction, np.empty_like(image)]
         system._turn(image, 0.4, direction, prior, 0.7, turned[1], writes=True)
@@ -353,6 +367,24 @@ def test_sweeps_by_bands_are_the_same_bits(cuts):
         results.append((applied, *looked, *turned, samples))
     for once, by_bands in zip(*results, strict=True):
         np.testing.assert_array_equal(once, by_bands)
+
+
+def test_the_prior_weighed_on_the_way_is_that_weighed_before():
+    shape = 2 * sweeps.WEIGHED + 9, 21
+    system = _system(_observations(shape), shape=shape)
+    looked = []
+    for on_the_way in (False, True):
+        image, direction, residual, matrix = (_image(shape, seed) for seed in (4, 5, 6, 7))
+        prior, sharpened = system._room_for_weights(), np.empty_like(image)
+        if not on_the_way:
+            sweeps.weigh_prior(0.3, image, direction, 5.0, system._local, 0, shape[0], prior)
+        system._look(
+            0.3, image, direction, residual, matrix, on_the_way, prior, 5.0, 0.7, 0.04,
+            system._balance(), sharpened,
+        )  # fmt: skip
+        looked.append((image, residual, sharpened, prior))
+    for before, now in zip(*looked, strict=True):
+        np.testing.assert_array_equal(before, now)
 
 
 # --- prior -------------------------------------------------------------------------------
@@ -541,6 +573,73 @@ def test_the_preconditioner_converges_faster_to_the_same_solution():
     np.testing.assert_allclose(
         sharpened.descend(start, 5.0, 0.05, 200, hold=200), solution, atol=0.1
     )
+
+
+@pytest.mark.parametrize("gain", [None, 8.0, 20.0])
+def test_the_preconditioner_is_symmetric_and_positive(gain):
+    system = _system(_observations(count=(20, 30)), cell=(2, 2), gain=gain)
+    balance = system._balance()
+    prior = _weights_at(system, _image(), 5.0)
+    unit = 1 / (5.0 * sweeps.TOP)
+
+    def sharpened(gradient):
+        nothing, out = np.zeros(HR_SHAPE, np.float32), np.empty(HR_SHAPE, np.float32)
+        system._look(
+            0.0, nothing, nothing, gradient.copy(), nothing, False, prior, 5.0, unit, 0.03,
+            balance, out,
+        )  # fmt: skip
+        return out
+
+    first, second = (_image(seed=seed) - np.float32(128) for seed in (5, 6))
+    size = np.linalg.norm(first) * np.linalg.norm(second)
+    there, back = np.vdot(sharpened(first), second), np.vdot(first, sharpened(second))
+    assert abs(there - back) < 1e-5 * size
+    assert np.vdot(first, sharpened(first)) > 0.1 * np.vdot(first, first)
+
+
+def test_a_balanced_descent_goes_by_how_much_is_observed():
+    # one view sees all, seven more the left half
+    shifts = [(dx / 4, dy / 4) for dx in (0, 1, 2, 3) for dy in (0, 2)]
+    observations = []
+    for number, shift in enumerate(shifts):
+        x, y = (
+            _on_lattice(points, size)
+            for points, size in zip(_points(GRID, (11, 17), shift), HR_SHAPE[::-1], strict=True)
+        )
+        value = simulate(_image(), TAPS, x, y)
+        weight = np.isfinite(value) & ((number == 0) | (x < HR_SHAPE[1] / 2))
+        observations.append((x, y, np.nan_to_num(value), weight.astype(np.float32)))
+    plain, balanced = (_system(*observations, cell=(2, 2), gain=gain) for gain in (None, 20.0))
+    (ones, _), (lines, rows) = plain._balance(), balanced._balance()
+    assert rows == 2
+    assert (ones == 1).all()
+    few, many = (lines[2:-2, first : first + 8].mean() for first in (HR_SHAPE[1] - 12, 4))
+    assert few == pytest.approx(1 / np.sqrt(0.25 + LEAST_DENSITY), rel=0.05)
+    assert many == pytest.approx(1 / np.sqrt(2 + LEAST_DENSITY), rel=0.05)
+    start = np.full(HR_SHAPE, 120, np.float32)
+    solution = plain.descend(start, 5.0, 0.05, 300, hold=300)
+    away = [
+        np.abs(system.descend(start, 5.0, 0.05, 4, hold=300) - solution).mean()
+        for system in (plain, balanced)
+    ]
+    assert away[1] < 0.8 * away[0]
+
+
+@pytest.mark.parametrize("sigma", [0.5, 1.0, 1.7])
+@pytest.mark.parametrize("gain", [8.0, 20.0])
+def test_the_low_pass_undoes_a_blur_as_far_as_its_gain_goes(sigma, gain):
+    half = half_taps(psf_taps(GaussianPsf(sigma=sigma, support=9), GRID).x)
+    taps = low_pass(half, gain)
+    assert taps.shape == half.shape
+    frequencies = np.linspace(0, np.pi, 100)
+    blur, passed = (
+        t[0] + 2 * sum(t[k] * np.cos(k * frequencies) for k in range(1, t.size))
+        for t in (half, taps)
+    )
+    assert passed[0] == pytest.approx(1, abs=1e-4)
+    asked = np.minimum(blur**-2.0, 1 + gain)
+    kept = 1 + gain * (1 - passed) ** 2
+    assert np.abs(np.log(kept / asked)).max() < np.log(2)
 
 
 def _objective(system, image, observations, scale, strength, local) -> float:
