@@ -12,7 +12,7 @@ depth, layers or cameras. Intensities are grey levels, places HR pixels where no
 * :mod:`agreement` with :mod:`median`: weights, and what is left over; :mod:`realign`: landing
   points corrected by what is predicted;
 * :mod:`psf`: the point spread function; :mod:`coverage`: the sub-pixel phases that are filled;
-* in a chain of frames: :mod:`again` and :mod:`parts` (only what is due, of all views at once by
-  :mod:`tables`), :mod:`alone` (a view of itself, only what has changed), :mod:`followed` (the same,
-  made better by another picture of it).
+* in a chain of frames: :mod:`again`, :mod:`boxes` and :mod:`parts` (only what is due, of all views
+  at once by :mod:`tables`), :mod:`alone` (a view of itself, only what has changed),
+  :mod:`followed` (the same, made better by another picture of it).
 """

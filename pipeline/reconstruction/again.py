@@ -11,20 +11,18 @@ import numpy.typing as npt
 
 from pipeline.frames import GreyImage, Mask, RegisteredView
 from pipeline.grid import Grid
+from pipeline.reconstruction.boxes import SolvedBox, solved_box
 from pipeline.reconstruction.fused import (
     FusedResult,
     FusedTuning,
-    fuse,
     left_over,
     some_landing_points,
 )
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.parts import (
     Box,
-    CutView,
     Uncut,
     covering_boxes,
-    cut_views,
     landing_in,
     on_hr_grid,
     put_back,
@@ -78,11 +76,10 @@ class Piece:
     inner: Box
     """Where the box lies in what was solved, LR pixels."""
     grid: Grid
-    cut: Sequence[CutView]
-    """Of what it was solved."""
-    solved: FusedResult
+    of: SolvedBox
+    """What was solved: the box and what lies around it."""
     shown: HrImage
-    """What was solved, finished, without what lies around the box, where that was asked for."""
+    """The same finished, without what lies around the box, where that was asked for."""
 
     def put_into(self, image: HrImage, part: HrImage) -> None:
         """Write of what was solved, or told with it, the pixels that are due, in place."""
@@ -137,20 +134,18 @@ def pieces_of(
             for index, view in enumerate(again.registered)
             if part.views is None or view.view_id in part.views
         ]
-        cut = cut_views(uncut, places, some, wide, grid)
         inner = within(box, wide)
         height, width = (side.stop - side.start for side in wide)
-        solved = fuse(
-            cut, grid, (height, width), psf, noise=part.noise,
+        found = solved_box(
+            uncut, places, some, wide, grid, psf, noise=part.noise,
             residual_threshold=residual_threshold, tuning=part.tuning,
             start=np.ascontiguousarray(again.start[on_hr_grid(wide, grid)]),
-            most_steps=most_steps, judged=False,
+            most_steps=most_steps,
             most_bands=max(1, min(NUM_BANDS, height * width // BAND_PIXELS)), stop=stop,
         )  # fmt: skip
         return Piece(
-            box=box, wanted=part.wanted, inner=inner, grid=grid, cut=cut,
-            solved=solved,
-            shown=_shown(solved, learned, on_hr_grid(inner, grid)) if is_shown else NOTHING,
+            box=box, wanted=part.wanted, inner=inner, grid=grid, of=found,
+            shown=_shown(found.solved, learned, on_hr_grid(inner, grid)) if is_shown else NOTHING,
         )  # fmt: skip
 
     def boxes_of(again: Again) -> list[tuple[Again, Due, Box, Uncut, npt.NDArray[np.int64]]]:
@@ -209,24 +204,23 @@ def fuse_again(
     estimate, density = before.estimate.copy(), before.density.copy()
     weights = tuple(array.copy() for array in before.weights)
     flags = tuple(array.copy() for array in before.flags)
-    names = [view.view_id for view in registered]
     work, stop_reason = 0, before.stop_reason
     (pieces,) = pieces_of(
         [Again(due=due, registered=registered, start=start)], grid, psf,
         residual_threshold=residual_threshold, most_steps=most_steps, stop=stop,
     )  # fmt: skip
     for piece in pieces:
-        work += piece.solved.iterations * piece.solved.estimate.size
-        stop_reason = piece.solved.stop_reason
-        piece.put_into(estimate, piece.solved.estimate)
-        piece.put_into(density, piece.solved.density)
-        for view, weight, flag in zip(
-            piece.cut, piece.solved.weights, piece.solved.flags, strict=True
+        solved = piece.of.solved
+        work += solved.iterations * solved.estimate.size
+        stop_reason = solved.stop_reason
+        piece.put_into(estimate, solved.estimate)
+        piece.put_into(density, solved.density)
+        for index, place, weight, flag in zip(
+            piece.of.views, piece.of.places, solved.weights, solved.flags, strict=True
         ):
-            index = names.index(view.view_id)
             put_back(
-                (weight, flag), (weights[index], flags[index]), view.place,
-                registered[index].position, piece.box,
+                (weight, flag), (weights[index], flags[index]), place, registered[index].position,
+                piece.box,
             )  # fmt: skip
     points = [some_landing_points(view, grid) for view in registered]
     misfit, misfits = left_over(

@@ -141,7 +141,7 @@ def refreshed(
     def put(number: int) -> Restored:
         view = made[number]
         for piece in pieces[number]:
-            piece.put_into(view.estimate, piece.solved.estimate)
+            piece.put_into(view.estimate, piece.of.solved.estimate)
             piece.show_in(view.shown)
         solved = functools.reduce(np.logical_or, [part.wanted for part in again[number].due])
         np.copyto(view.frames, np.float32(np.inf), where=solved)

@@ -368,14 +368,22 @@ def weigh_by_agreement(
     agreeing : (N,) float64
         The mean that the weights would have without r; overwritten.
     """
+    agreement.weigh_views(
+        observations, *some, reference, *agreement_terms(noise, others, tuning, threshold), agreeing
+    )  # fmt: skip
+
+
+def agreement_terms(
+    noise: float, others: int, tuning: FusedTuning, threshold: float
+) -> tuple[float | np.uint8 | npt.NDArray[np.float32], ...]:
+    """Return what :func:`agreement.weigh_views` takes between the reference and ``agreeing``."""
     constant, factor = tuning.agreement
     low_pass, window, passed = _smoothing(tuning.low_pass, tuning.window)
     each, most = tuning.doubt
-    agreement.weigh_views(
-        observations, *some, reference, float(threshold), np.uint8(Rejection.RESIDUAL), IMPOSSIBLE,
-        LARGEST_ERROR, low_pass, window, tuning.expected * passed * noise**2,
-        noise**2 + (factor * noise) ** 2 + constant**2, tuning.severity, min(each * others, most),
-        agreeing,
+    return (
+        float(threshold), np.uint8(Rejection.RESIDUAL), IMPOSSIBLE, LARGEST_ERROR, low_pass, window,
+        tuning.expected * passed * noise**2, noise**2 + (factor * noise) ** 2 + constant**2,
+        tuning.severity, min(each * others, most),
     )  # fmt: skip
 
 

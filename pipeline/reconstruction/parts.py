@@ -352,27 +352,64 @@ def _cut_out(
     """Write parts of views, one behind the other, and where on the HR grid of a box they land."""
     at = 0
     for index in some:
-        positions, pixels = points_at(table, index, _POSITION), floats_at(table, index, _PIXELS)
-        judged = bytes_at(table, index, _FLAGS)
         top, bottom, left, right = places[index]
-        width = right - left
-        for row in range(top, bottom):
-            # flat, so that several are worked on at once
-            points, grey = positions[row].reshape(-1)[2 * left :], pixels[row, left:right]
-            along, down, line = x[at : at + width], y[at : at + width], observed[at : at + width]
-            verdicts, own = flags[at : at + width], judged[row, left:right]
+        height, width = bottom - top, right - left
+        end = at + height * width
+        cut_rows(
+            table, index, places, is_offset, before, magnification_x, offset_x, above,
+            magnification_y, offset_y, 0, height, x[at:end].reshape(height, width),
+            y[at:end].reshape(height, width), observed[at:end].reshape(height, width),
+            flags[at:end].reshape(height, width),
+        )  # fmt: skip
+        at = end
+
+
+@njit(**EXACT)
+def cut_rows(
+    table, index, places, is_offset, before, magnification_x, offset_x, above, magnification_y,
+    offset_y, lo, hi, x, y, observed, flags,
+):  # fmt: skip
+    """Write rows of a view's part, and where on the HR grid of a box they land.
+
+    Parameters
+    ----------
+    table, index : Table, int
+        Of :class:`Uncut`; which view.
+    places : (views, 4) int64
+        Of :func:`landing_in`.
+    is_offset : bool
+        Whether intensity terms are taken off.
+    before, magnification_x, offset_x, above, magnification_y, offset_y : float32
+        Column and row of the box's corner, which LR coordinates are counted from, and what they
+        are then multiplied by, and what is added.
+    lo, hi : int
+        Rows of the part, half-open.
+    x, y, observed : (h, w) float32
+        Overwritten.
+    flags : (h, w) uint8
+        Overwritten.
+    """
+    positions, pixels = points_at(table, index, _POSITION), floats_at(table, index, _PIXELS)
+    judged = bytes_at(table, index, _FLAGS)
+    top, _, left, right = places[index]
+    # flat, so that several are worked on at once
+    width, flat, pitch = right - left, positions.reshape(-1), 2 * pixels.shape[1]
+    for row in range(lo, hi):
+        points, grey = flat[(top + row) * pitch + 2 * left :], pixels[top + row, left:right]
+        along, down, line, verdicts = x[row], y[row], observed[row], flags[row]
+        own = judged[top + row, left:right]
+        for column in range(width):
+            along[column] = (points[2 * column] - before) * magnification_x + offset_x
+            down[column] = (points[2 * column + 1] - above) * magnification_y + offset_y
+        for column in range(width):
+            verdicts[column] = own[column]
+        if is_offset:
+            less = floats_at(table, index, _OFFSET)[top + row, left:right]
             for column in range(width):
-                along[column] = (points[2 * column] - before) * magnification_x + offset_x
-                down[column] = (points[2 * column + 1] - above) * magnification_y + offset_y
+                line[column] = grey[column] - less[column]
+        else:
             for column in range(width):
                 line[column] = grey[column]
-            for column in range(width):
-                verdicts[column] = own[column]
-            if is_offset:
-                less = floats_at(table, index, _OFFSET)[row, left:right]
-                for column in range(width):
-                    line[column] -= less[column]
-            at += width
 
 
 @njit(**EXACT)

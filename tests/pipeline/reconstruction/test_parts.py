@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from pipeline.frames import RegisteredView
 from pipeline.grid import Grid, Sampling
 from pipeline.reconstruction.again import Due, fuse_again
+from pipeline.reconstruction.boxes import solved_box
 from pipeline.reconstruction.fused import FusedTuning, fuse, landing_points
 from pipeline.reconstruction.parts import (
     Uncut,
@@ -85,6 +87,33 @@ def test_views_are_cut_to_what_lands_in_the_box():
             (part.x, part.y), landing_points(view, GRID), box[::-1], strict=True
         ):
             np.testing.assert_allclose(landed + 2 * side.start, whole[part.place], atol=1e-4)
+
+
+@pytest.mark.parametrize("noise", [2.0, 0.3])
+@pytest.mark.parametrize("some", [[0, 1, 2], [1, 0], [0]])
+def test_a_box_is_solved_as_all_of_what_is_cut_is_fused(noise, some):
+    """In fewer calls the same, bit for bit; below noise 1 the reference alone comes first."""
+    views, (box,) = _views(1), covering_boxes(np.arange(72)[:, None] + np.zeros(SHAPE) > 40)
+    box = widened(box, SHAPE)
+    uncut = Uncut(views, [np.full(SHAPE, number, np.float32) for number in range(3)])
+    (places,) = landing_in(uncut, [box])
+    height, width = (side.stop - side.start for side in box)
+    start = np.full(GRID.hr_shape((height, width)), 100, np.float32)
+    terms = {"noise": noise, "residual_threshold": 9.0, "tuning": FusedTuning(), "most_steps": 3}
+    found = solved_box(uncut, places, some, box, GRID, PSF, start=start, most_bands=2, **terms)
+    expected = fuse(
+        cut_views(uncut, places, some, box, GRID), GRID, (height, width), PSF, start=start,
+        judged=False, most_bands=2, **terms,
+    )  # fmt: skip
+    assert found.views == some
+    for one, other in zip(found.solved.weights, expected.weights, strict=True):
+        np.testing.assert_array_equal(one, other)
+    for one, other in zip(found.solved.flags, expected.flags, strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(found.solved.estimate, expected.estimate)
+    np.testing.assert_array_equal(found.solved.density, expected.density)
+    assert found.solved.iterations == expected.iterations
+    assert found.solved.stop_reason == expected.stop_reason
 
 
 def test_more_boxes_than_are_told_apart_at_once_hold_what_lands_in_each():
