@@ -150,7 +150,7 @@ class Line:
         def frames(wanted: range) -> Iterator[MultiViewFrame]:
             nonlocal before
             for number in wanted:
-                level = 0 if window else controller.level
+                level = 0 if window else controller.level_to_read_for
                 level = highest_at_hand(source, targets, number, efforts, level, before)
                 effort = before = efforts[level]
                 self.levels[number] = level
@@ -308,7 +308,10 @@ def hold_rate(
             report = replace(last.report, frame_index=frame.frame_index, timings={})
             last = replace(last, frame_index=frame.frame_index, report=report, debug={})
         else:
+            if choice.begins_anew:
+                line.worker.begin_again()
             last = line.worker.take(frame, effort=rung.effort, neighbours=item.neighbours)
+            controller.lacks_motions = line.worker.lacks_motions
         work[-1] = line.clock() - begin
         yield DoneFrame(
             result=last,

@@ -168,6 +168,11 @@ LONGEST_CALM_MIXED = 32
 """The latter where two rungs are mixed and the rung above should not be too much: one that is
 takes no frame away, since another makes good for it."""
 
+ANEW = 32
+"""Frames of a picture that stands, but is another one than that whose motions are kept, until these
+are found anew, at first; that takes the time of some frames, which are dropped. Twice as many each
+time until there was none for ``LONGEST_CALM``."""
+
 TRIAL = 16
 """Frames within which a rung up that has to be taken back counts as a mistake."""
 
@@ -206,6 +211,12 @@ class Rung:
         views = num_views if effort.looks_around else 0
         deep = num_views if effort.registers or not effort.views else effort.views
         return views * READ_PER_VIEW + effort.needs_depth * deep * DEPTH_PER_VIEW
+
+    @property
+    def keeps_motions(self) -> bool:
+        """Whether what was registered of earlier frames is used, and nothing is registered."""
+        effort = self.effort
+        return not (effort.registers or effort.by_depth) and effort.refresh_every is not None
 
     def __str__(self) -> str:
         effort = self.effort
@@ -304,6 +315,8 @@ class Choice:
     catches_up: bool = False
     """Whether it is made on a lower rung than the stream is on, since the last ones cost more than
     their time."""
+    begins_anew: bool = False
+    """Whether it is made in full since motions are missing: it does not say what others cost."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -374,6 +387,9 @@ class Controller:
     mixes: bool = False
     level: int = field(default=0, init=False)
     """Rung of the next frame."""
+    lacks_motions: bool = field(default=False, init=False)
+    """Whether the picture has been another one since motions were found, by the last frame; told by
+    whoever has the frames."""
     dropped: int = field(default=0, init=False)
     _rungs: tuple[Rung, ...] = field(init=False)
     _frames: list[int] = field(init=False)
@@ -384,6 +400,13 @@ class Controller:
     """Likewise, what they took beside the work of the rung."""
     _latest: tuple[int, float] | None = field(default=None, init=False)
     """Rung of the last frame and what it took of the budget, beside caches that it filled."""
+    _lacking: int = field(default=0, init=False)
+    """Frames in a row that were made without motions that their rung keeps."""
+    _lacking_until_anew: int = field(default=ANEW, init=False)
+    _since_anew: int = field(default=0, init=False)
+    """Frames since the last one that was made in full since motions were missing."""
+    _is_behind: bool = field(default=False, init=False)
+    """Whether frames are dropped by what that one cost."""
     _calm: int = field(default=0, init=False)
     _calm_needed: int = field(default=CALM, init=False)
     _since_up: int = field(default=TRIAL, init=False)
@@ -421,6 +444,11 @@ class Controller:
         return self._rungs[self.level]
 
     @property
+    def level_to_read_for(self) -> int:
+        """Number of the rung that has what the next frame may need: the first to begin anew."""
+        return 0 if self._lacking >= self._lacking_until_anew else self.level
+
+    @property
     def rungs(self) -> Sequence[Rung]:
         """The ladder, full quality first."""
         return self._rungs
@@ -448,7 +476,9 @@ class Controller:
         drop = late > PATIENCE * self.budget
         if drop:
             self.dropped += 1
-            self._has_dropped = True
+            self._has_dropped |= not self._is_behind
+        if self.level_to_read_for < self.level and highest == 0 and not drop:
+            return Choice(drop=False, level=0, rung=self._rungs[0], late=late, begins_anew=True)
         if self.mixes and late > LATE * self.budget and not self._catching_up:
             self._catching_up = CATCHING_UP
         own = max(self.level, highest)
@@ -474,6 +504,15 @@ class Controller:
             Those of them that the worker took; of the others the rung decides on the reading alone.
             Default: it decides on all.
         """
+        if choice.begins_anew:
+            self._begun_anew()
+            return
+        self._is_behind = False
+        self._since_anew += 1
+        if self._since_anew > LONGEST_CALM:
+            self._lacking_until_anew = ANEW
+        is_lacking = self.lacks_motions and choice.rung.keeps_motions
+        self._lacking = self._lacking + 1 if is_lacking else 0
         filling = FILLING if not self._frames[choice.level] else 0.0
         self._latest = (choice.level, (seconds - filling) / self.budget)
         if choice.catches_up:
@@ -503,7 +542,7 @@ class Controller:
         self._since_up += 1
         mean = statistics.fmean(min(cost, FAR_TOO_MUCH) for cost in self._costs)
         is_calm = mean < LITTLE or self._above(mean) <= self._aim
-        self._calm = self._calm + 1 if is_calm else 0
+        self._calm = self._calm + 1 if is_calm and not self._lacking else 0
         load = self._load()
         tells = cost <= TOO_MUCH and self._guesses > 0
         self._guesses -= tells
@@ -514,6 +553,13 @@ class Controller:
         elif self.level > 0 and self._calm >= self._calm_before_up(mean):
             self._move(self._higher(mean), climbs=True)
             self._since_up = 0
+
+    def _begun_anew(self) -> None:
+        """Go on where the stream was, by motions that are those of this picture."""
+        self._frames[0] += 1
+        self._costs, self._latest, self._calm = [], None, 0
+        self._lacking, self._since_anew, self._is_behind = 0, 0, True
+        self._lacking_until_anew = min(2 * self._lacking_until_anew, LONGEST_CALM)
 
     def _end_of_one_that_catches_up(self, level: int, cost: float) -> None:
         self._frames[level] += 1

@@ -97,10 +97,20 @@ class Worker:
             self.reset()
             raise
 
+    @property
+    def lacks_motions(self) -> bool:
+        """Whether the picture has been another one, which stands, since a frame was registered."""
+        return self._memory is not None and self._memory.lacks_motions(self._targets)
+
     def watch(self, frame: MultiViewFrame) -> None:
         """Look at a frame that is not computed: what stands still from it on is known sooner."""
         if self._memory is not None:
             self._memory.seen.watch(frame, self.settings)
+
+    def begin_again(self) -> None:
+        """Find all motions anew, in a picture that goes on as it did."""
+        if self._memory is not None:
+            self._memory.begin_again()
 
     def reset(self) -> None:
         """Forget the frames so far: the next one to be registered is computed on its own."""

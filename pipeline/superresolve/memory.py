@@ -23,6 +23,9 @@ from pipeline.temporal.moving import has_moved
 from pipeline.temporal.still_kernels import take_frames
 from pipeline.threads import map_threads
 
+STANDS = 0.5
+"""Share of a target up to which it may change in a frame of a picture that stands."""
+
 RIGHT = 0.5
 """How far patches may land from where depth maps say for these to be right, LR pixels."""
 
@@ -97,6 +100,14 @@ class Memory:
         self.stand_again()
         if self.previous is not None:
             self.previous = replace(self.previous, has_moved=True)
+
+    def lacks_motions(self, targets: Sequence[str]) -> bool:
+        """Return whether motions are those of another picture than the one that stands now."""
+        return (
+            self.previous is not None
+            and self.previous.has_moved
+            and all(self.seen.still[target].share_touched <= STANDS for target in targets)
+        )
 
     def to_go_on_from(self) -> Previous | None:
         """Return what the previous frame left, and what of that has proved to lag behind."""

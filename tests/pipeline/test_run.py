@@ -79,6 +79,8 @@ def worker(compute):
     """Return what makes workers whose second half is ``compute`` and whose first does nothing."""
 
     class Simple:
+        lacks_motions = False
+
         def __init__(self, settings, *, stop, **arguments):
             self.settings, self.arguments = settings, arguments
 
