@@ -8,6 +8,8 @@ OPTIONS = {
     "error_model": "numpy",
     # not the flags that assume finite numbers: NaN marks what has no value
     "fastmath": {"contract", "reassoc", "nsz", "arcp"},
+    # said, or a loop that is first called from one of the next would be compiled as that is
+    "_nrt": True,
 }
 """They are kept on disk, and release the global lock."""
 

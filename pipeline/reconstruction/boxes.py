@@ -105,7 +105,7 @@ def solved_box(
     level = float(numbers[OBSERVED, first : first + sizes[reference]].mean())
     system = NormalEquations(
         start.shape, taps, psf_taps(psf, grid), level, local_strength(start, grid, noise, tuning),
-        most_bands,
+        most_bands, (grid.magnification_y, grid.magnification_x), tuning.gain,
     )  # fmt: skip
     system.gather_table(table, start)
     settled = settled_share(noise, psf.sigma, tuning)
