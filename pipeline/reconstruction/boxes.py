@@ -22,14 +22,14 @@ from pipeline.reconstruction.fused import (
     FusedResult,
     FusedTuning,
     agreement_terms,
+    descended,
+    equations_of,
     fuse,
     local_strength,
-    prior_strength,
-    settled_share,
 )
 from pipeline.reconstruction.parts import Box, Flags, Uncut, cut_rows, cut_views
-from pipeline.reconstruction.psf import Psf, psf_taps, sampling_taps
-from pipeline.reconstruction.system import HrImage, NormalEquations, spline_coefficients
+from pipeline.reconstruction.psf import Psf, sampling_taps
+from pipeline.reconstruction.system import HrImage, spline_coefficients
 from pipeline.reconstruction.tables import Table, bytes_at, floats_at
 
 X, Y, BEYOND, WEIGHT, OBSERVED = range(5)
@@ -103,23 +103,14 @@ def solved_box(
     )  # fmt: skip
     first = starts[reference]
     level = float(numbers[OBSERVED, first : first + sizes[reference]].mean())
-    system = NormalEquations(
-        start.shape, taps, psf_taps(psf, grid), level, local_strength(start, grid, noise, tuning),
-        most_bands, (grid.magnification_y, grid.magnification_x), tuning.gain,
-    )  # fmt: skip
+    local = local_strength(start, grid, noise, tuning)
+    system = equations_of(start.shape, grid, psf, level, local, tuning, most_bands)
     system.gather_table(table, start)
-    settled = settled_share(noise, psf.sigma, tuning)
     plan, is_stopped = tuning.together, stop is not None and stop()
     estimate = start
     if not is_stopped:
-        estimate = system.descend(
-            start, tuning.edge_scale[0] + tuning.edge_scale[1] * noise,
-            prior_strength(noise, psf.sigma, tuning),
-            plan if most_steps is None else min(plan, most_steps),
-            hold=max(1, round(tuning.hold / noise)), data_share=tuning.data_share,
-            settled=settled if tuning.stretch is None else tuning.nearly * settled,
-            stretch=tuning.stretch, stop=stop,
-        )  # fmt: skip
+        steps = plan if most_steps is None else min(plan, most_steps)
+        estimate = descended(system, start, noise, psf, tuning, steps, tuning.stretch, stop)
     stop_reason = "iterations" if most_steps is None or most_steps >= plan else "steps"
     shapes = [(bottom - top, right - left) for top, bottom, left, right in bounds]
     parts = [

@@ -400,6 +400,52 @@ def _smoothing(
     )  # fmt: skip
 
 
+def equations_of(
+    shape: tuple[int, int], grid: Grid, psf: Psf, level: float, local: HrImage,
+    tuning: FusedTuning, most_bands: int,
+) -> NormalEquations:  # fmt: skip
+    """Return the system of an HR image, before anything is gathered.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        HR pixels.
+    level : float
+        Grey level about which is worked.
+    local : (KH, KW) float32
+        See :func:`local_strength`.
+    most_bands : int
+        See :func:`fuse`.
+    """
+    return NormalEquations(
+        shape, sampling_taps(psf, grid), psf_taps(psf, grid), level, local, most_bands,
+        (grid.magnification_y, grid.magnification_x), tuning.gain,
+    )  # fmt: skip
+
+
+def descended(
+    system: NormalEquations, estimate: HrImage, noise: float, psf: Psf, tuning: FusedTuning,
+    steps: int, stretch: float | None, stop: Callable[[], bool] | None,
+) -> HrImage:  # fmt: skip
+    """Return an estimate after so many steps at most, as the tuning, noise and PSF ask for.
+
+    Parameters
+    ----------
+    noise : float
+        Grey levels, ``SMALLEST_NOISE`` or more.
+    stretch : float, optional
+        See ``NormalEquations.descend``.
+    """
+    settled = settled_share(noise, psf.sigma, tuning)
+    return system.descend(
+        estimate, tuning.edge_scale[0] + tuning.edge_scale[1] * noise,
+        prior_strength(noise, psf.sigma, tuning), steps,
+        hold=max(1, round(tuning.hold / noise)), data_share=tuning.data_share,
+        settled=settled if stretch is None else tuning.nearly * settled,
+        stretch=stretch, stop=stop,
+    )  # fmt: skip
+
+
 def fuse(
     registered: Sequence[RegisteredView | CutView],
     grid: Grid,
@@ -452,17 +498,14 @@ def fuse(
     noise = max(noise, SMALLEST_NOISE)
     taps = sampling_taps(psf, grid)
     shape = grid.hr_shape(lr_shape)
-    strength = prior_strength(noise, psf.sigma, tuning)
-    scale = tuning.edge_scale[0] + tuning.edge_scale[1] * noise
     reference = next(index for index, view in enumerate(registered) if view.is_reference)
     own = registered[reference]
     ones = np.ones(lr_shape, np.float32)
     begun = begun or _begun(own.observed, grid, psf, noise, learned, tuning, start)
     estimate = begun.estimate
-    system = NormalEquations(
-        shape, taps, psf_taps(psf, grid), float(own.observed.mean()), begun.local, most_bands,
-        (grid.magnification_y, grid.magnification_x), tuning.gain,
-    )  # fmt: skip
+    system = equations_of(
+        shape, grid, psf, float(own.observed.mean()), begun.local, tuning, most_bands
+    )
     stop_reason = "iterations"
 
     def solve(estimate: HrImage, plan: int, most: int | None, stretch: float | None) -> HrImage:
@@ -472,13 +515,8 @@ def fuse(
             return estimate
         if most is not None and most < plan:
             stop_reason = "steps"
-        settled = settled_share(noise, psf.sigma, tuning)
-        return system.descend(
-            estimate, scale, strength, plan if most is None else min(plan, most),
-            hold=max(1, round(tuning.hold / noise)), data_share=tuning.data_share,
-            settled=settled if stretch is None else tuning.nearly * settled,
-            stretch=stretch, stop=stop,
-        )  # fmt: skip
+        steps = plan if most is None else min(plan, most)
+        return descended(system, estimate, noise, psf, tuning, steps, stretch, stop)
 
     is_alone = len(registered) == 1
     steps_alone = tuning.only if is_alone else int(tuning.alone / noise)

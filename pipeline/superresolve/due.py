@@ -21,7 +21,7 @@ from pipeline.superresolve.registered import RegisteredFrame
 
 WARM = FusedTuning(
     prior_strength=0.2, alone=0.0, together=4, hold=2.8, data_share=0.04, gain=None,
-    stretch=None, nearly=1.5,
+    stretch=None, nearly=1.5, settled_noise_powers=(1.0, -2.0),
 )  # fmt: skip
 """Work from the previous frame's result; see :class:`FusedTuning` for that from a cold start."""
 

@@ -18,6 +18,7 @@ from pipeline.reconstruction.again import Again, Due
 from pipeline.reconstruction.alone import Restored, refreshed, restored
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.psf import Psf
+from pipeline.reconstruction.system import DATA_SHARE
 from pipeline.registration.again import AGAIN
 from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
 from pipeline.superresolve.account import report_restored
@@ -38,7 +39,10 @@ from pipeline.superresolve.reconstruct import colour_of
 from pipeline.superresolve.stages import Stages
 from pipeline.threads import map_threads, set_threads, stoppable
 
-CHANGED = replace(NEW, settled=0.1, hold=4.2, stretch=2.0)
+CHANGED = replace(
+    NEW, prior_strength=0.18, settled=0.065, settled_noise_powers=(1.0, -1.2), hold=4.2,
+    data_share=DATA_SHARE, gain=20.0, stretch=2.3,
+)  # fmt: skip
 """Work on what has changed in such a frame; at noise 2 every second step weighs the prior anew, and
 the last step is not measured."""
 
