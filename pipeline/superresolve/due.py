@@ -99,7 +99,9 @@ def parts_due(frame: RegisteredFrame, target: str, previous: Solved) -> list[Due
     ]
     again = ~changed
     ripe = (still.count >= 2 * previous.frames)[again]
-    if ripe.size and ripe.mean() <= 0.5:
+    # means of what a codec leaves get better however many frames they are of
+    is_all_due = still.noise_stays and frame.effort.is_full
+    if ripe.size and ripe.mean() <= 0.5 and not is_all_due:
         assert frame.effort.refresh_every is not None  # for eyes alone only
         again = in_turn(again, frame.effort.refresh_every, frame.frame.frame_index)
     alone = again & (previous.frames == 0)

@@ -281,11 +281,15 @@ def _due(ready: _Ready, target: str, waiting: Mask | None, *, is_led: bool) -> l
     noise, effort, memory = ready.noise, ready.effort, ready.memory
     every, number = effort.refresh_every, ready.frame.frame_index
     assert every is not None  # something is made again
-    touched = memory.seen.still[target].touched
+    still = memory.seen.still[target]
+    touched = still.touched
     wanted = touched if waiting is None else touched | waiting
     if effort.alone or effort.in_turn:
         is_ripe = functools.partial(memory.is_ripe, target)
         refresh = in_turn_or_seldom(~wanted, is_ripe, every, number)
+    elif still.noise_stays and not ready.is_held:
+        # as in a frame that is registered
+        refresh = ~wanted
     else:
         refresh = in_turn(~wanted, every, number)
     # views as they were say less than those that are looked at

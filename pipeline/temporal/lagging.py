@@ -52,6 +52,10 @@ PASSED = 1 / 3
 FADED = 3 / 4
 """What it does to the second product, over what to the first: so much of the mean is kept."""
 
+STAYS = 0.1
+"""Correlation of what is finer than detail from which a codec's noise stays for some frames: that
+of a camera's is 0.06 at most."""
+
 NUM_SUMS = 5
 """Of a tile."""
 
@@ -118,8 +122,10 @@ def no_sums(shape: tuple[int, ...]) -> tuple[npt.NDArray[np.float64], npt.NDArra
 
 def lagging_tiles(
     sums: npt.NDArray[np.float64], numbers: npt.NDArray[np.float64], noise: float, restless: Mask
-) -> tuple[Mask, bool]:
-    """Return which tiles lag behind, and whether the others begin to.
+) -> tuple[Mask, bool, float | None]:
+    """Return which tiles lag behind, whether the others begin to, and how much of noise stays.
+
+    The last is the correlation of what is finer than detail; None where nothing tells it.
 
     Parameters
     ----------
@@ -134,9 +140,9 @@ def lagging_tiles(
     """
     lagging = np.zeros(numbers.shape, np.bool_)
     bounds = np.array([constant + share * noise**2 for constant, share in BOUNDS])
-    begins = _tell(sums.reshape(len(sums), -1), numbers.ravel(), bounds, restless.ravel(),
+    begins, share = _tell(sums.reshape(len(sums), -1), numbers.ravel(), bounds, restless.ravel(),
         lagging.ravel())  # fmt: skip
-    return lagging, begins
+    return lagging, begins, None if np.isnan(share) else share
 
 
 @njit(**OPTIONS)
@@ -144,6 +150,8 @@ def _tell(sums, numbers, bounds, restless, lagging):
     """Write which tiles lag behind, and return whether the others begin to; all flat.
 
     ``bounds`` are those of a tile, of the median of all others, and of the latter's beginning.
+    Returned is also the correlation of what is finer than detail, where it is calm; NaN where no
+    tile is seen.
     """
     means, seen = np.empty_like(sums), numbers >= LEAST
     for tile in range(numbers.size):
@@ -152,7 +160,7 @@ def _tell(sums, numbers, bounds, restless, lagging):
             means[kind, tile] = sums[kind, tile] / counted
     finest = np.sort(means[4][seen])
     if finest.size == 0:
-        return False
+        return False, np.nan
     limit, finer, least_power, count = _quantile(finest, CALM), 0.0, 0.0, 0
     for tile in range(numbers.size):
         if seen[tile] and means[4, tile] <= limit:
@@ -177,7 +185,7 @@ def _tell(sums, numbers, bounds, restless, lagging):
     middle = _quantile(np.sort(rest[:others]), 0.5) if others else np.inf
     if middle > bounds[1]:
         lagging[:] = True
-    return middle > bounds[2]
+    return middle > bounds[2], share
 
 
 @njit(**LEAN)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from pipeline.frames import GreyImage, Mask, frozen
 from pipeline.temporal import still_kernels
 from pipeline.temporal.lagging import (
+    STAYS,
     Away,
     has_few_tiles,
     lagging_tiles,
@@ -59,6 +60,8 @@ class Still:
     """(rows, columns): whether it did one frame before, and they began anew."""
     begins_to_lag: bool = False
     """Whether those of the others begin to."""
+    noise_stays: bool = False
+    """Whether noise stays for some frames, as a codec's does."""
 
     @functools.cached_property
     def share_touched(self) -> float:
@@ -109,7 +112,7 @@ def seen_again(luma: GreyImage, before: Still, noise: float) -> Still:
         before.restless, detail, fine, changed, reached, sums, numbers, mean, count,
     )  # fmt: skip
     away = Away(detail=(detail, before.away.detail[0]), fine=fine)
-    lagging, begins_to_lag = lagging_tiles(sums, numbers, noise, before.restless)
+    lagging, begins_to_lag, share = lagging_tiles(sums, numbers, noise, before.restless)
     begin_anew = not has_few_tiles(luma.shape)
     if lagging.any() and begin_anew:
         anew = tile_pixels(lagging, luma.shape)
@@ -119,6 +122,7 @@ def seen_again(luma: GreyImage, before: Still, noise: float) -> Still:
         mean=mean, count=count, changed=changed.view(np.bool_), touched=reached.view(np.bool_),
         away=away, lagging=lagging, restless=before.lagging & begin_anew,
         begins_to_lag=begins_to_lag,
+        noise_stays=before.noise_stays if share is None else share > STAYS,
     )  # fmt: skip
 
 

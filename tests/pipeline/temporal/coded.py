@@ -19,9 +19,9 @@ from pipeline.stereo import StereoLayout
 NOISE = 2.0
 
 
-def noisy(pictures: Iterable[GreyImage]) -> Iterator[npt.NDArray[np.uint8]]:
+def noisy(pictures: Iterable[GreyImage], seed: int = 3) -> Iterator[npt.NDArray[np.uint8]]:
     """Yield 8-bit pictures of (H, W) with a camera's noise."""
-    chance = np.random.default_rng(3)
+    chance = np.random.default_rng(seed)
     for picture in pictures:
         seen = picture + chance.normal(0, NOISE, picture.shape)
         yield np.clip(np.rint(seen), 0, 255).astype(np.uint8)

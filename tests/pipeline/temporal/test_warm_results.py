@@ -353,6 +353,44 @@ def test_the_first_frames_of_a_coded_pan_are_no_worse_than_cold(tmp_path, width,
             assert scores[0] > scores[1] - 0.05, number
 
 
+@pytest.mark.parametrize("temporal", ["swift", "warm"])
+def test_frames_that_a_codec_left_better_than_those_before_are_no_worse_than_cold(
+    tmp_path, temporal
+):
+    """Nothing changes, but what was kept of poorer frames is behind their mean."""
+    still, last = SCENE.frame(0), 10
+    truth = [
+        cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        for picture in SCENE.render_all(0.0)
+    ]
+    films = [
+        list(
+            coded(
+                tmp_path / f"{place}.mkv",
+                noisy((SCENE.observe(picture) for _ in range(last + 1)), seed=place),
+                quality=23,
+            )
+        )
+        for place, picture in enumerate(truth)
+    ]
+    settings = [replace(_settings(kind), noise_sigma=None) for kind in (temporal, "cold")]
+    chain, cold = (Worker(one, targets=TARGETS) for one in settings)
+    for number in range(last + 1):
+        views = tuple(
+            replace(view, luma=film[number]) for view, film in zip(still.views, films, strict=True)
+        )
+        frame = replace(still, frame_index=number, views=views)
+        ours = chain.take(frame)
+        if number < last - 1:
+            continue
+        other = cold.take(frame)
+        for target, place in zip(TARGETS, SCENE.reference_views, strict=True):
+            scores = [
+                psnr(one.images[target].luma, truth[place], border=8) for one in (ours, other)
+            ]
+            assert scores[0] > scores[1] - 0.05, number
+
+
 def _pursued(frames, solver):
     """Return frame 1, registered, and the memory of frame 0."""
     memory, settings = Memory(), _settings(solver=solver)
