@@ -139,19 +139,21 @@ def descend(
     :func:`sweeps.turn_and_apply`.
     """
     height, beyond = estimate.shape[0], (nothing, nothing)
+    # typed: a literal has what it goes to compiled twice
+    first, writes = np.int64(0), rules.size > 0
     of_two, of_three = (beyond, beyond), (beyond, beyond, beyond)
     while state[DONE] < rules[STEPS]:
         renewed = _renews(rules, state)
         look_and_sharpen(
             state[STEP], estimate, direction, residual, swept, of_three, prior, strength, share,
-            least, balance, rows_a_line, sharpening_x, sharpening_y, 0, height, swept, scale, local,
-            renewed, sums,
+            least, balance, rows_a_line, sharpening_x, sharpening_y, first, height, swept, scale,
+            local, renewed, sums,
         )  # fmt: skip
         if not _looked(rules, state, renewed, total(sums[0]), total(sums[1])):
             return
         turn_and_apply(
             swept, state[FACTOR], direction, of_two, taps_x, taps_y, masses, units, nothing, prior,
-            strength, 0, height, True, swept, sums,
+            strength, first, height, writes, swept, sums,
         )  # fmt: skip
         if not _turned(rules, state, total(sums[0]) + total(sums[1])):
             return

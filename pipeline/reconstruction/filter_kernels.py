@@ -155,7 +155,7 @@ def classify(padded, side, first, width, height, lo, hi, window, views, tells_vi
         make_lines(1, length)[0],
         make_lines(1, length)[0],
     )
-    left = 0
+    left = np.int64(0)  # typed: a literal has what it goes to compiled twice
     for strip in range(1, strips + 1):
         right = width if strip == strips else strip * width // strips // WIDE * WIDE
         a, b = max(0, left - BESIDE), min(width, right + BESIDE)

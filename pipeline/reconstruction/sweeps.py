@@ -425,7 +425,7 @@ def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
         make_lines(3 * 4, length).reshape(3, 4, length),
         make_lines(4, length),
     )
-    left = 0
+    left = np.int64(0)  # typed: a literal has what it goes to compiled twice
     for strip in range(1, strips + 1):
         right = width if strip == strips else strip * width // strips // WIDE * WIDE
         _weigh_strip(step, estimate, direction, scale, local, lo, hi, left, right, prior, rooms)

@@ -102,7 +102,7 @@ def _weigh(reference, taps, position, source, offset, renewed, lines, places, we
         if not wanted:
             continue
         _place_row(along, down, np.float32(height), np.float32(width), np.int32(line), places)
-        start = 0
+        start = np.int64(0)  # typed: a literal has what it goes to compiled twice
         while start < columns:
             place = places[np.uint64(start)]
             end = start + 1
