@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import platform
@@ -10,6 +11,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from pipeline.report import versions
+
+KEPT = 512 << 20
+"""Bytes that a process keeps for itself of what it has given back, at most, where they lie at the
+end of all it has."""
+
+LARGE = 32 << 20
+"""Bytes from which on an array is none of them: glibc allows no more."""
+
+TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
+"""Parameters of glibc's ``mallopt``."""
 
 
 def today() -> str:
@@ -38,6 +49,19 @@ def available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return max(1, len(os.sched_getaffinity(0)))
     return max(1, os.cpu_count() or 1)
+
+
+def keep_memory() -> None:
+    """Let the memory of arrays that are gone serve those to come.
+
+    Each frame needs arrays like those of the one before it. The C library would return theirs to
+    the system, which clears every page before it gives it out again, while other threads of the
+    process wait for its map of memory. Where it is not glibc nothing is done.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
+    if mallopt is not None:
+        mallopt(TRIM_THRESHOLD, KEPT)
+        mallopt(MMAP_THRESHOLD, LARGE)
 
 
 def available_memory(root: Path = Path("/")) -> float:

@@ -19,7 +19,7 @@ import threadpoolctl
 from numba.core import event
 
 from pipeline.errors import Interrupted
-from pipeline.machine import available_cores
+from pipeline.machine import available_cores, keep_memory
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -46,6 +46,7 @@ def set_threads(threads: int) -> int:
             _pool = None
             _size = wanted
             threadpoolctl.threadpool_limits(1, user_api="blas")
+            keep_memory()
     cv2.setNumThreads(wanted)
     return wanted
 
