@@ -158,7 +158,7 @@ def classify(padded, side, first, width, height, lo, hi, window, views, tells_vi
     left = np.int64(0)  # typed: a literal has what it goes to compiled twice
     for strip in range(1, strips + 1):
         right = width if strip == strips else strip * width // strips // WIDE * WIDE
-        a, b = max(0, left - BESIDE), min(width, right + BESIDE)
+        a, b = max(np.int64(0), left - BESIDE), min(width, right + BESIDE)
         _classify_rows(
             padded, side + a, b - a, height, lo, hi, window, views, tells_views, left, right,
             left - a, first, kinds, rooms,
