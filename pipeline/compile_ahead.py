@@ -85,9 +85,10 @@ def _invert_a_motion(frame: MultiViewFrame) -> None:
 def _do_stream(scene: SampleScene) -> None:
     """Super-resolve frames of a fixed rig and a stereo matcher, each from the last.
 
-    In the last of them a part is another: that part alone is registered and solved again.
+    In the last of them a part is another: that part alone is registered and solved again, there
+    being so little noise from the reference alone first.
     """
-    settings = Settings(temporal="warm")
+    settings = Settings(temporal="warm", noise_sigma=0.5)
     _do_swift(scene)
     left, right = "cam0", "cam1"
     worker = Worker(settings, targets=(left, right), keep_intermediates=True)
