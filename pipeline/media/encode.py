@@ -62,6 +62,9 @@ QP_PER_BIT = 6
 MIN_SLICED_SIZE = 32
 """Height and width from which FFV1 pictures are cut into slices, samples."""
 
+REORDERED = 16
+"""Frames that an encoder keeps back to put them in another order, at most."""
+
 LEAST_HEVC_SIZE = 16
 """Height and width from which x265 takes pictures, samples."""
 
@@ -301,7 +304,7 @@ class _SegmentEncoder:
         if self._container is None:
             raise OutputError(f"{self._path}: there are no frames to write")
         with libav_errors(self._path):
-            self._container.mux(self._stream.encode(None))
+            self._container.mux(in_time(self._stream.encode(None)))
             container, self._container = self._container, None
             container.close()
         if self._format.colorimetry.says_light:
@@ -506,6 +509,24 @@ def _tag_colours(what: Any, pixels: _Pixels, colorimetry: Colorimetry) -> None:
 
 def _describe(shape: tuple[int, ...], dtype: npt.DTypeLike) -> str:
     return f"{shape[1]}×{shape[0]} {'RGB' if len(shape) == 3 else 'grey'} {np.dtype(dtype)}"
+
+
+def in_time(packets: Sequence[Any]) -> Sequence[Any]:
+    """Return the last packets of an encoder, none of which is decoded after it is shown.
+
+    Where there are fewer frames than x265 keeps back, it leaves their times of decoding as whatever
+    its memory held, which no file takes.
+    """
+    times = [packet.pts for packet in packets]
+    is_left = any(
+        packet.dts is not None and not -REORDERED <= packet.dts <= (packet.pts or 0)
+        for packet in packets
+    )
+    if is_left and None not in times:
+        latest = max(times) + 1
+        for packet in reversed(packets):
+            latest = packet.dts = min(latest - 1, packet.pts)
+    return packets
 
 
 @contextlib.contextmanager

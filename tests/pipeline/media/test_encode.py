@@ -11,13 +11,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import numpy as np
 import pytest
 
 from pipeline.errors import Interrupted, OutputError
-from pipeline.media.encode import check_size, write_segment
+from pipeline.media.encode import check_size, in_time, write_segment
 from pipeline.media.join import join_segments
 from pipeline.media.video_format import (
     Container,
@@ -187,6 +188,22 @@ def test_smallest_pictures_that_encoders_take(tmp_path, codec, shape):
     form = video_format(codec=codec, layout=StereoLayout.LEFT)
     out, _ = write_and_join(tmp_path, "v", form, [[(np.full((*shape, 3), 90, np.uint8),)]])
     assert len(decoded(out, "rgb24")) == 1
+
+
+@pytest.mark.parametrize(
+    ("shown", "said", "expected"),
+    [
+        ([0], [5411126631571865638], [0]),
+        ([0], [-8604168327759790941], [0]),
+        ([0, 3, 1, 2], [77, -2, -1, 0], [-1, 0, 1, 2]),
+        ([0, 2, 1], [-2, -1, 0], [-2, -1, 0]),
+        ([4, 5], [None, None], [None, None]),
+    ],
+)
+def test_no_packet_is_decoded_after_it_is_shown(shown, said, expected):
+    """x265 leaves times of decoding unset where there are fewer frames than it keeps back."""
+    packets = [SimpleNamespace(pts=pts, dts=dts) for pts, dts in zip(shown, said, strict=True)]
+    assert [packet.dts for packet in in_time(packets)] == expected
 
 
 @pytest.mark.parametrize("shape", [(2, 2), (14, 200), (200, 13)])
