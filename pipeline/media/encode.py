@@ -518,11 +518,11 @@ def in_time(packets: Sequence[Any]) -> Sequence[Any]:
     its memory held, which no file takes.
     """
     times = [packet.pts for packet in packets]
-    is_left = any(
+    is_unset = any(
         packet.dts is not None and not -REORDERED <= packet.dts <= (packet.pts or 0)
         for packet in packets
     )
-    if is_left and None not in times:
+    if is_unset and None not in times:
         latest = max(times) + 1
         for packet in reversed(packets):
             latest = packet.dts = min(latest - 1, packet.pts)

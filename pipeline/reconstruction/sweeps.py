@@ -231,8 +231,7 @@ def _subtract(row, line):
 @njit(**OPTIONS)
 def look_and_sharpen(
     step, estimate, direction, residual, applied, beyond, prior, strength, share, least, balance,
-    rows_a_line, taps_x, taps_y, lo, hi, sharpened, scale, local, weighs,
-    sums,
+    rows_a_line, taps_x, taps_y, lo, hi, sharpened, scale, local, weighs, sums,
 ):  # fmt: skip
     """Take a step along the direction, look where it leads, and sharpen what is left to do.
 

@@ -55,7 +55,7 @@ PRIOR_SHARE = 0.5
 """Of the preconditioner: how much of the prior's diagonal it takes for what the PSF removed …"""
 
 DATA_SHARE = 0.025
-"""… and what it adds for the observations. Flat from 0.01 to 0.06."""
+"""… and what it adds for the observations. From 0.02 to 0.045 Set 1 changes by 0.002 dB."""
 
 LEAST_DENSITY = 0.05
 """What it adds to the weight of what is observed around an HR pixel, where it goes by that."""

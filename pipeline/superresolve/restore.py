@@ -16,9 +16,9 @@ from pipeline.effort import FULL, SWIFT, Effort, looked_at, nearest_views
 from pipeline.frames import Mask, MultiViewFrame
 from pipeline.reconstruction.again import Again, Due
 from pipeline.reconstruction.alone import Restored, refreshed, restored
+from pipeline.reconstruction.fused import FusedTuning
 from pipeline.reconstruction.learned import LearnedFilters
 from pipeline.reconstruction.psf import Psf
-from pipeline.reconstruction.system import DATA_SHARE
 from pipeline.registration.again import AGAIN
 from pipeline.results import FrameReport, FrameResult, SuperResolvedImage
 from pipeline.superresolve.account import report_restored
@@ -41,7 +41,7 @@ from pipeline.threads import map_threads, set_threads, stoppable
 
 CHANGED = replace(
     NEW, prior_strength=0.18, settled=0.065, settled_noise_powers=(1.0, -1.2), hold=4.2,
-    data_share=DATA_SHARE, gain=20.0, stretch=2.3,
+    data_share=FusedTuning.data_share, gain=FusedTuning.gain, stretch=2.3,
 )  # fmt: skip
 """Work on what has changed in such a frame; at noise 2 every second step weighs the prior anew, and
 the last step is not measured."""

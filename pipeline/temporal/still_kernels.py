@@ -141,7 +141,7 @@ def _compare_rows(
                             cut_off[mirror(v - WIDE_REACH - 1, height) % LINES], own_total,
                         )  # fmt: skip
                     _mirror_ends(total, width, WIDE_REACH)
-                    _box_five(total, fives[: width + 10])
+                    _box_five(total, fives[: width + WIDE_BOX - BOX])
                     _three_fives(fives, wide)
                     _judge(frames[v], line, wide, noise, calm[v % LINES])
                     _subtract(smooth[v % LINES], wide, detail[v])
@@ -203,7 +203,7 @@ def _box_five(room, out):
 @njit(**LEAN)
 def _three_fives(fives, out):
     share = np.float32(1 / (WIDE_BOX * WIDE_BOX))
-    a, b, c = fives, fives[5:], fives[10:]
+    a, b, c = fives, fives[BOX:], fives[2 * BOX :]
     for x in range(out.size):
         out[x] = share * (a[x] + b[x] + c[x])
 

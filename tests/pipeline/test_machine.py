@@ -45,10 +45,10 @@ def test_some_memory_of_this_machine_may_still_be_taken():
 FAULTS = """
 import resource
 import numpy as np
-from pipeline import machine, threads
+from pipeline.threads import set_threads
 
 if {keeps}:
-    threads.set_threads(1)
+    set_threads(1)
 
 def make():
     return [np.ones(size << 18, np.float32) for size in (3, 5, 1, 3)]
@@ -65,7 +65,6 @@ print(faults() - before)
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="counts the page faults of Linux and glibc")
 def test_memory_that_is_given_back_is_not_cleared_for_each_frame():
     """Twelve MiB ten times over, in a process that keeps them and in one that does not."""
     kept, returned = (
