@@ -17,8 +17,7 @@ from pipeline.reconstruction.simd import (
     LANES,
     TOGETHER,
     WIDE,
-    add_observation,
-    place_of,
+    add_observations,
     sample_eight,
     share_wide,
 )
@@ -38,10 +37,6 @@ MARGIN = 4
 
 LANDED = 16
 """LR rows whose points are worked out before there is sampled: they stay in the second cache."""
-
-QUARTERS = 4
-"""Parts of a stretch whose observations are added in turn: those beside each other land beside each
-other, and a sum is not read just after it was written."""
 
 
 X, Y, VALUE, WEIGHT = range(4)
@@ -196,19 +191,16 @@ def _gather(
                 copy_row(y, rest[1])
                 copy_row(grey, rest[2])
                 copy_row(mass, rest[3])
+                rest[3, size:] = 0
                 x, y, grey, mass = rest[0], rest[1], rest[2], rest[3]
             for k in range(0, size, WIDE):
                 share_wide(
                     x, y, grey, mass, k, limits, to_weights, to_values, along, of_rows, shares
                 )  # fmt: skip
-            quarter = (size + QUARTERS - 1) // QUARTERS
-            for near in range(quarter):
-                for k in range(near, size, quarter):
-                    if to_values[k] >= 0:
-                        add_observation(
-                            flat, to_weights[k], 2 * width, flat_values, to_values[k],
-                            width + MARGIN, along, of_rows, shares, place_of(k),
-                        )  # fmt: skip
+            add_observations(
+                flat, to_weights, 2 * width, flat_values, to_values, width + MARGIN, along, of_rows,
+                shares, (size + WIDE - 1) // WIDE,
+            )  # fmt: skip
 
 
 @njit(**OPTIONS)
@@ -223,9 +215,9 @@ def _spread_sums(sums, values, top, lo, hi, masses, units, rhs):
         largest = bits.view(np.float32)[0]
         units[y] = largest / np.float32(LARGEST_UNIT)
         inverse = np.float32(LARGEST_UNIT) / largest if largest > 0 else np.float32(0.0)
-        for number in range(LATTICE):
-            line = sums[2 * row + number // 2, number % 2 :]
-            _round_every_other(line, inverse, masses[y, number, :width])
+        for number in range(0, LATTICE, 2):
+            line = sums[2 * row + number // 2]
+            _round(line, inverse, masses[y, number, :width], masses[y, number + 1, :width])
         copy_row(values[row, 1 : 1 + width], rhs[y])
 
 
@@ -238,9 +230,12 @@ def _largest(numbers):
 
 
 @njit(**LEAN)
-def _round_every_other(row, factor, out):
-    for x in range(out.size):
-        out[x] = np.uint16(np.int32(row[2 * x] * factor + np.float32(0.5)))
+def _round(row, factor, even, odd):
+    """Write a row's multiples, rounded: every other one, and those between."""
+    half = np.float32(0.5)
+    for x in range(even.size):
+        even[x] = np.uint16(np.int32(row[2 * x] * factor + half))
+        odd[x] = np.uint16(np.int32(row[2 * x + 1] * factor + half))
 
 
 @njit(**LEAN)

@@ -9,11 +9,10 @@ that eight elements from the last pixel of a row lie within them.
 from __future__ import annotations
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from pipeline.compiled import INLINED
 from pipeline.vectors import LANES, WIDE
 from pipeline.vectors import Vectors as _Vectors
 from pipeline.vectors import data_of as _data
@@ -35,9 +34,7 @@ def share_wide(
     typing_context, position_x, position_y, observed, weight, at, limits, to_weights, to_values,
     along, of_rows, shares,
 ):  # fmt: skip
-    """Write where sixteen observations are added and what, as :func:`add_observation` takes it.
-
-    What belongs to number k of them, four numbers, begins at :func:`place_of` it.
+    """Write where sixteen observations are added and what, as :func:`add_observations` takes it.
 
     Parameters
     ----------
@@ -53,6 +50,7 @@ def share_wide(
     to_weights, to_values : int32 array
         Of the first weight and the first value; the latter negative where one is left out.
     along, of_rows, shares : float32 array
+        Four numbers of each, sixteen observations' after those of the sixteen before.
     """
     signature = types.void(
         *(position_x, position_y, observed, weight, types.intp, limits, to_weights, to_values),
@@ -131,74 +129,109 @@ def share_wide(
         builder.store(place, wide.place(to_first, at, kind=wide.words), align=4)
         upper, lower = wide.times(weights, wide.subtract(ones, v)), wide.times(weights, v)
         left = wide.subtract(ones, u)
-        quadruples = (
-            (*taps_x, zeros),
-            (*(wide.times(value, tap) for tap in taps_y), zeros),
-            tuple(wide.times(row, column) for row in (upper, lower) for column in (left, u)),
-        )
         to = builder.mul(at, ir.Constant(at.type, 4))
-        # four by four they are turned round: first pairs, then pairs of pairs
-        for room, (first, second, third, fourth) in zip(rooms, quadruples, strict=True):
-            for half in (0, 2):
-                turned = [n + lane for n in (half, half + 1) for lane in (0, WIDE)]
+        of_all, factors, parts = rooms
+        # what is multiplied by is read one by one; what is added two by two is brought together,
+        # and what is added four by four
+        for number, tap in enumerate(taps_y):
+            wide.store(wide.times(value, tap), factors, to, number * WIDE)
+        for number, row in enumerate((upper, lower)):
+            for half, pair in enumerate(_in_pairs(wide, wide.times(row, left), wide.times(row, u))):
+                wide.store(pair, parts, to, (2 * number + half) * WIDE)
+        firsts, lasts = (_in_pairs(wide, *taps) for taps in (taps_x[:2], (taps_x[2], zeros)))
+        for half in (0, 1):
+            for n in (0, 2):
+                turned = [n, n + 1, n + WIDE, n + 1 + WIDE]
                 lanes = [four + lane for four in range(0, WIDE, 4) for lane in turned]
-                pairs = [wide.choose(first, second, lanes), wide.choose(third, fourth, lanes)]
-                for n in (0, 2):
-                    turned = [n, n + 1, n + WIDE, n + 1 + WIDE]
-                    lanes = [four + lane for four in range(0, WIDE, 4) for lane in turned]
-                    found = wide.choose(pairs[0], pairs[1], lanes)
-                    wide.store(found, room, to, WIDE * (half + n // 2))
+                found = wide.choose(firsts[half], lasts[half], lanes)
+                wide.store(found, of_all, to, (2 * half + n // 2) * WIDE)
         return context.get_dummy_value()
 
     return signature, generate
 
 
-@njit(**INLINED)
-def place_of(k):
-    """Return where what :func:`share_wide` writes of observation k begins."""
-    return k // WIDE * (4 * WIDE) + k % 4 * WIDE + k % WIDE // 4 * 4
+def _in_pairs(wide: _Vectors, first, second):
+    """Return first and second by turns: of numbers 0 and 1 of each four, and of 2 and 3."""
+    return [
+        wide.choose(
+            first,
+            second,
+            [four + n + lane for four in range(0, WIDE, 4) for n in both for lane in (0, WIDE)],
+        )
+        for both in ((0, 1), (2, 3))
+    ]
 
 
 @intrinsic
-def add_observation(
-    typing_context, sums, at, pitch, values, to, line, along, of_rows, shares, first
-):
-    """Add one observation to four weights and to nine values, in place.
+def add_observations(
+    typing_context, sums, to_weights, pitch, values, to_values, line, along, of_rows, shares, count
+):  # fmt: skip
+    """Add what :func:`share_wide` wrote, each to four weights and to nine values, in place.
+
+    Of every sixteen the first one, then of every sixteen the second one …: those beside each other
+    land beside each other, and a sum is not read just after it was written.
 
     Parameters
     ----------
     sums : float32 array
-    at, pitch : intp
-        Of the first of two weights; to the two in the next row.
+    to_weights : int32 array
+        Of the first of two weights, each.
+    pitch : intp
+        To the two in the next row.
     values : float32 array
-    to, line : intp
-        Of the first of three values, of which a fourth stays as it is; from row to row.
+    to_values : int32 array
+        Of the first of three values, of which a fourth stays as it is; negative where one is left
+        out.
+    line : intp
+        From row to row of these.
     along, of_rows, shares : float32 array
-        x₀ x₁ x₂ 0, what these are multiplied by in each of three rows and nothing, four weights.
-    first : intp
-        Of the observation's first number in each of these.
+    count : intp
+        How many sixteens.
     """
     signature = types.void(
-        sums, types.intp, types.intp, values, types.intp, types.intp, along, of_rows, shares,
+        sums, to_weights, types.intp, values, to_values, types.intp, along, of_rows, shares,
         types.intp,
     )  # fmt: skip
 
     def generate(context, builder, signature, arguments):
         four, two = _Vectors(builder, 4), _Vectors(builder, 2)
-        weights, data, taps, factors, parts = (
-            _data(context, builder, signature, arguments, n) for n in (0, 3, 6, 7, 8)
+        weights, to_first, data, to_second, taps, factors, parts = (
+            _data(context, builder, signature, arguments, n) for n in (0, 1, 3, 4, 6, 7, 8)
         )
-        at, pitch, to, line, first = (arguments[n] for n in (1, 2, 4, 5, 9))
-        across = four.load(taps, first)
-        for row in range(3):
-            where = builder.add(first, ir.Constant(first.type, row))
-            factor = four.spread(builder.load(builder.gep(factors, [where])))
-            four.store(four.add(four.load(data, to), four.times(across, factor)), data, to)
-            to = builder.add(to, line)
-        for row in range(2):
-            share = two.load(parts, first, 2 * row)
-            two.store(two.add(two.load(weights, at), share), weights, at)
-            at = builder.add(at, pitch)
+        pitch, line, count = (arguments[n] for n in (2, 5, 9))
+
+        def number_at(numbers, place, more: int):
+            """Return one number, ``more`` behind a place."""
+            where = builder.add(place, ir.Constant(place.type, more))
+            return builder.load(builder.gep(numbers, [where]))
+
+        def add(lane: int, place, first) -> None:
+            """Add one of the sixteen from a place on, of which four times as many lie before."""
+            to = number_at(to_second, place, lane)
+            is_in = builder.icmp_signed(">=", to, ir.Constant(to.type, 0))
+            with builder.if_then(is_in, likely=True):
+                to = builder.sext(to, pitch.type)
+                at = builder.sext(number_at(to_first, place, lane), pitch.type)
+                own = lane // 4 * 4
+                across = four.load(taps, first, lane % 4 * WIDE + own)
+                for row in range(3):
+                    factor = four.spread(number_at(factors, first, row * WIDE + lane))
+                    total = four.add(four.load(data, to), four.times(across, factor))
+                    four.store(total, data, to)
+                    to = builder.add(to, line)
+                for row in range(2):
+                    pair = (2 * row + lane % 4 // 2) * WIDE + own + lane % 2 * 2
+                    share = two.load(parts, first, pair)
+                    two.store(two.add(two.load(weights, at), share), weights, at)
+                    at = builder.add(at, pitch)
+
+        for lane in range(WIDE):
+            with cgutils.for_range(builder, count) as loop:
+                place, first = (
+                    builder.mul(loop.index, ir.Constant(pitch.type, each))
+                    for each in (WIDE, 4 * WIDE)
+                )
+                add(lane, place, first)
         return context.get_dummy_value()
 
     return signature, generate

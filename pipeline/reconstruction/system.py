@@ -45,7 +45,7 @@ AT_ONCE = 600_000
 """HR pixels of one band up to which a descent is one call; of more, each sweep is, so that between
 two of them it may be stopped."""
 
-TILE = 24_000
+TILE = 64_000
 """HR pixels of the rows that are gathered together: their sums stay in the processor's cache."""
 
 NEGLIGIBLE = 5e-4
