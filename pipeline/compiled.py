@@ -23,3 +23,7 @@ EXACT = {**LEAN, "fastmath": False}
 INLINED = {**LEAN, "forceinline": True}
 """The same of what another loop calls and sums in: else that one runs one machine code where it was
 just compiled and another one where it is loaded from the cache, which rounds in another order."""
+
+PUT_IN_PLACE = {**LEAN, "inline": "always"}
+"""The same of what is put where it is called before types are known: it is not compiled by itself,
+and so not once more for each literal, or array that is read-only, that it is called with."""

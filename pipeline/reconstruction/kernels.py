@@ -129,7 +129,7 @@ def gather_band(
         make_lines(1, 4 * TOGETHER)[0], make_lines(1, 4 * TOGETHER)[0],
         make_lines(1, 4 * TOGETHER)[0], make_lines(4, TOGETHER),
     )  # fmt: skip
-    done = first
+    done, kept = first, np.int64(KEPT)  # typed: a literal has what it goes to compiled twice
     for lo in range(first - 1, end + 1, tile):
         hi = min(lo + tile, end + 1)
         for number in range(observations.shape[0]):
@@ -140,8 +140,8 @@ def gather_band(
         # what lands on later rows adds nothing to these
         whole = max(hi - 1, done)
         _spread_sums(sums, values, lo - 1, done, whole, masses, units, rhs)
-        _pass_on(sums, 2 * (hi - lo + KEPT), 2 * KEPT)
-        _pass_on(values, hi - lo + KEPT, KEPT)
+        _pass_on(sums, 2 * (hi - lo + kept), 2 * kept)
+        _pass_on(values, hi - lo + kept, kept)
         done = whole
 
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from numba import njit
 
 from pipeline.baselines import bicubic_taps
-from pipeline.compiled import LEAN, OPTIONS
+from pipeline.compiled import LEAN, OPTIONS, PUT_IN_PLACE
 from pipeline.frames import GreyImage, frozen
 from pipeline.grid import Grid
 from pipeline.reconstruction.psf import Psf, psf_axes
@@ -147,7 +147,7 @@ def _filter_rows(
             _interleave(lines, out[(row - top) * phases + phase])
 
 
-@njit(**LEAN)
+@njit(**PUT_IN_PLACE)
 def weigh_row(pixels, places, size, taps, first, out, to):
     """Write a row of sums of pixels; see :func:`simd.weigh_places`."""
     far, whole = size - size % (FAR * WIDE), size - size % WIDE

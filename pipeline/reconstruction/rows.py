@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.compiled import INLINED, LEAN, OPTIONS
+from pipeline.compiled import INLINED, LEAN, PUT_IN_PLACE
 from pipeline.reconstruction.simd import WIDE, blur_wide
 
 LINE = 16
@@ -23,7 +23,7 @@ def whole(width):
     return (width + LINE - 1) // LINE * LINE
 
 
-@njit(**OPTIONS)
+@njit(**PUT_IN_PLACE)
 def make_lines(count, length):
     """Return zeros (count, length) float32, the length a multiple of ``LINE``, from a line on."""
     found = np.zeros(count * length + LINE, np.float32)
@@ -31,7 +31,7 @@ def make_lines(count, length):
     return found[first : first + count * length].reshape(count, length)
 
 
-@njit(**OPTIONS)
+@njit(**PUT_IN_PLACE)
 def make_room(size, reach):
     """Return room for :func:`blur_row`: its own numbers, behind so many others, begin a line."""
     first = -reach % LINE

@@ -292,14 +292,14 @@ def weigh_again(distance, weights, first, floor, scratch):
         The smallest cut-off, pixels.
     scratch : (M,) float64
     """
-    count = 0
+    count = np.int64(0)  # typed: a literal has what it goes to compiled twice
     for k in range(weights.size):
         if weights[k] > 0:
             scratch[count] = distance[k]
             count += 1
     sigma = max(1.4826 * middle_of(scratch, count), 0.01)
     cut = max(4 * sigma, floor) * (2.0 if first else 1.0)
-    count = 0
+    count = np.int64(0)
     for k in range(weights.size):
         ratio = distance[k] / cut
         near = 1 - ratio * ratio

@@ -252,7 +252,7 @@ def _jumps(position, limit, wanted, rows, down, right, jumps):
         else:
             u, v, next_u, next_v = own, own_y, above, above_y
         if y == 0:
-            _displacements(position, 0, u, v)
+            _displacements(position, np.int64(0), u, v)  # typed, as above
         row = np.uint64(y)
         if y + 1 < height:
             _displacements(position, y + 1, next_u, next_v)
