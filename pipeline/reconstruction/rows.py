@@ -64,6 +64,23 @@ def _four(flat, places, taps, size, out):
 
 
 @njit(**LEAN)
+def _three(flat, places, taps, size, out):
+    """Write a row weighted by the middle tap and the two beside it."""
+    middle, a1, b1, a2, b2 = places
+    three = taps[0], taps[1], taps[2]
+    whole = size - size % WIDE
+    for x in range(0, whole, WIDE):
+        at = middle + x, a1 + x, b1 + x, a2 + x, b2 + x
+        blur_wide(flat, at, three, out, x)
+    for x in range(whole, size):
+        out[x] = (
+            three[0] * flat[middle + x]
+            + three[1] * (flat[a1 + x] + flat[b1 + x])
+            + three[2] * (flat[a2 + x] + flat[b2 + x])
+        )
+
+
+@njit(**LEAN)
 def _scaled(row, tap, out):
     for x in range(row.size):
         out[x] = tap * row[x]
@@ -105,6 +122,9 @@ def blur_row(row, taps, room, out):
         places = reach, reach - 1, reach + 1, reach - 2, reach + 2, reach - 3, reach + 3
         _four(room, places, taps, size, out)
         k = 4
+    elif reach == 2:
+        _three(room, (reach, reach - 1, reach + 1, reach - 2, reach + 2), taps, size, out)
+        k = 3
     else:
         _scaled(row, taps[0], out)
     while k <= reach:
@@ -132,6 +152,14 @@ def blur_ring(ring, y, taps, height, width, out):
         )  # fmt: skip
         _four(ring.reshape(-1), places, taps, width, out)
         k = 4
+    elif reach == 2:
+        of_two = (
+            y % lines * pitch,
+            mirror(y - 1, height) % lines * pitch, mirror(y + 1, height) % lines * pitch,
+            mirror(y - 2, height) % lines * pitch, mirror(y + 2, height) % lines * pitch,
+        )  # fmt: skip
+        _three(ring.reshape(-1), of_two, taps, width, out)
+        k = 3
     else:
         _scaled(ring[y % lines, :width], taps[0], out)
     while k <= reach:
