@@ -552,10 +552,13 @@ def fuse(
             if not isinstance(view, CutView)
         ]
         of_positions, to_hr = table_of(positions), _to_hr(grid)
+        # the reference's own pixels, as a rule
+        is_regular = bool(positions) and kernels.lies_as_itself(positions[reference][0])
+        regular = reference if is_regular else -1
 
         def weigh(some: tuple[int, int], *, lands: bool) -> None:
             if lands:
-                kernels.land_and_sample(coefficients, of_positions, *to_hr, table, *some)
+                kernels.land_and_sample(coefficients, of_positions, *to_hr, regular, table, *some)
             else:
                 kernels.sample_views(coefficients, table, *some)
             weigh_by_agreement(
@@ -577,7 +580,7 @@ def fuse(
                     weigh((index, index + 1), lands=False)
 
         map_threads(weigh_and_correct, system.shares_of(len(registered)))
-        system.gather_table(table, estimate)
+        system.gather_table(table, estimate, regular, to_hr)
         estimate = solve(estimate, tuning.together, most_steps, tuning.stretch)
     residuals: tuple[float, ...] = ()
     misfits: tuple[float, ...] = ()

@@ -93,7 +93,8 @@ def _spline(t):
 
 @njit(**OPTIONS)
 def gather_band(
-    observations, starts, landing, level, first, end, tile, height, width, masses, units, rhs
+    observations, starts, landing, regular, grid, level, first, end, tile, height, width, masses,
+    units, rhs,
 ):  # fmt: skip
     """Gather what lands on some HR rows, and write it as the sweeps read it.
 
@@ -105,6 +106,11 @@ def gather_band(
     ----------
     observations, starts, landing
         Of :func:`landing_rows`.
+    regular : int64
+        The one whose pixels lie where those of the LR grid do, and all count one; −1 if none is
+        known to.
+    grid : (float32, float32, float32, float32)
+        What LR coordinates are multiplied by on the HR grid and what is added, x and y.
     level : float32
         Subtracted from what is observed, grey levels.
     first, end : int
@@ -129,10 +135,17 @@ def gather_band(
         make_lines(1, 4 * TOGETHER)[0], make_lines(1, 4 * TOGETHER)[0],
         make_lines(1, 4 * TOGETHER)[0], make_lines(4, TOGETHER),
     )  # fmt: skip
+    line = np.zeros(width + MARGIN, np.float32)
     done, kept = first, np.int64(KEPT)  # typed: a literal has what it goes to compiled twice
     for lo in range(first - 1, end + 1, tile):
         hi = min(lo + tile, end + 1)
         for number in range(observations.shape[0]):
+            if number == regular:
+                _gather_regular(
+                    floats_at(observations, number, VALUE), grid, level, lo, hi, height, width,
+                    sums, values, line,
+                )  # fmt: skip
+                continue
             _gather(
                 observations, number, starts[number], landing, level, lo, hi, height, width, sums,
                 values, rooms,
@@ -201,6 +214,86 @@ def _gather(
                 flat, to_weights, 2 * width, flat_values, to_values, width + MARGIN, along, of_rows,
                 shares, (size + WIDE - 1) // WIDE,
             )  # fmt: skip
+
+
+@njit(**LEAN)
+def _gather_regular(observed, grid, level, lo, hi, height, width, sums, values, line):
+    """Do what :func:`_gather` does where pixels lie as on the LR grid, and all count one.
+
+    Parameters
+    ----------
+    observed : (H, W) float32
+        Grey levels.
+    grid
+        See :func:`gather_band`.
+    line : (KW + MARGIN,) float32
+        Zeros behind the last pixel; what lies before is overwritten.
+    """
+    magnification_x, offset_x, magnification_y, offset_y = grid
+    half = np.float32(0.5)
+    step, first = np.int64(magnification_x), np.int64(offset_x + half)
+    taps = _spline(offset_x - np.float32(first))
+    column = np.int64(offset_x + offset_x)
+    right = offset_x + offset_x - np.float32(column)
+    for row in range(observed.shape[0]):
+        y = magnification_y * np.float32(row) + offset_y
+        nearest = np.int64(y + half)
+        if nearest < lo or nearest >= hi:
+            continue
+        _spread_along(observed[row], level, taps, step, first, line)
+        # beyond the border lies what is there, reflected about the edge
+        line[1] += line[0]
+        line[width] += line[width + 1]
+        of_rows = _spline(y - np.float32(nearest))
+        for number in range(3):
+            beside = min(max(nearest - 1 + number, 0), height - 1) - (lo - 1)
+            _add_times(line[1 : 1 + width], of_rows[number], values[beside, 1 : 1 + width])
+        place = np.int64(y + y)
+        under, upper = y + y - np.float32(place), place - 2 * (lo - 1)
+        _add_every(sums[upper, column:], 2 * step, observed.shape[1], right, np.float32(1) - under)
+        if under > 0:
+            _add_every(sums[upper + 1, column:], 2 * step, observed.shape[1], right, under)
+
+
+@njit(**LEAN)
+def _spread_along(row, level, taps, step, first, line):
+    """Write what a row's pixels add along x, a step apart, the nearest of the first being there."""
+    before, own, behind = taps
+    size = row.size
+    line[: first + 3] = 0
+    if step == 2:
+        line[first] = before * (row[0] - level)
+        line[first + 1] = own * (row[0] - level)
+        out = line[first + 2 :]
+        for x in range(size - 1):
+            # a literal step: many are written at once
+            out[2 * x] = before * (row[x + 1] - level) + behind * (row[x] - level)
+            out[2 * x + 1] = own * (row[x + 1] - level)
+        line[first + 2 * size] = behind * (row[size - 1] - level)
+        return
+    line[:] = 0
+    for x in range(size):
+        value, place = row[x] - level, first + step * x
+        line[place] += before * value
+        line[place + 1] += own * value
+        line[place + 2] += behind * value
+
+
+@njit(**LEAN)
+def _add_times(row, factor, out):
+    for x in range(out.size):
+        out[x] += factor * row[x]
+
+
+@njit(**LEAN)
+def _add_every(row, step, count, right, weight):
+    """Add a weight at so many places a step apart, a share of it at the ones right of them."""
+    left, rest = weight * (np.float32(1) - right), weight * right
+    for number in range(count):
+        row[number * step] += left
+    if right > 0:
+        for number in range(count):
+            row[number * step + 1] += rest
 
 
 @njit(**OPTIONS)
@@ -349,10 +442,59 @@ def split_points(position, magnification_x, offset_x, magnification_y, offset_y,
             down[column] = points[2 * column + 1] * magnification_y + offset_y
 
 
+@njit(**LEAN)
+def lies_as_itself(position):
+    """Return whether LR points (H, W, 2) are the places of the pixels themselves."""
+    for row in range(position.shape[0]):
+        points, y, away = position[row].reshape(-1), np.float32(row), 0
+        for column in range(points.size // 2):
+            away += (points[2 * column] != np.float32(column)) | (points[2 * column + 1] != y)
+        if away > 0:
+            return False
+    return True
+
+
+@njit(**OPTIONS)
+def sample_regular(
+    coefficients, magnification_x, offset_x, magnification_y, offset_y, out
+):  # fmt: skip
+    """Write samples as :func:`sample_spline` does at the places of all pixels of the LR grid."""
+    half = np.float32(0.5)
+    step, first = np.int64(magnification_x), np.int64(offset_x + half)
+    taps = _spline(offset_x - np.float32(first))
+    line = np.empty(coefficients.shape[1], np.float32)
+    for row in range(out.shape[0]):
+        y = magnification_y * np.float32(row) + offset_y
+        nearest = np.int64(y + half)
+        _weigh_rows(coefficients[nearest + 1 : nearest + 4], _spline(y - np.float32(nearest)), line)
+        _weigh_every(line[first + 1 :], step, taps, out[row])
+
+
+@njit(**LEAN)
+def _weigh_rows(rows, taps, out):
+    """Write the weighted sum of three rows."""
+    above, own, below = rows[0], rows[1], rows[2]
+    for x in range(out.size):
+        out[x] = taps[0] * above[x] + taps[1] * own[x] + taps[2] * below[x]
+
+
+@njit(**LEAN)
+def _weigh_every(row, step, taps, out):
+    """Write the weighted sums of three numbers of a row each, a step apart."""
+    if step == 2:
+        # a literal step: many are read at once
+        for x in range(out.size):
+            out[x] = taps[0] * row[2 * x] + taps[1] * row[2 * x + 1] + taps[2] * row[2 * x + 2]
+        return
+    for x in range(out.size):
+        place = step * x
+        out[x] = taps[0] * row[place] + taps[1] * row[place + 1] + taps[2] * row[place + 2]
+
+
 @njit(**OPTIONS)
 def land_and_sample(
-    coefficients, positions, magnification_x, offset_x, magnification_y, offset_y, observations,
-    lo, hi,
+    coefficients, positions, magnification_x, offset_x, magnification_y, offset_y, regular,
+    observations, lo, hi,
 ):  # fmt: skip
     """Write where observations land, and do what :func:`sample_views` does, rows by rows.
 
@@ -360,10 +502,18 @@ def land_and_sample(
     ----------
     positions : Table
         Of their points on the LR grid.
+    regular
+        See :func:`gather_band`.
     """
     for number in range(lo, hi):
         points, out = points_at(positions, number, 0), floats_at(observations, number, VALUE)
         x, y = floats_at(observations, number, X), floats_at(observations, number, Y)
+        if number == regular:
+            split_points(
+                points, magnification_x, offset_x, magnification_y, offset_y, 0, out.shape[0], x, y
+            )
+            sample_regular(coefficients, magnification_x, offset_x, magnification_y, offset_y, out)
+            continue
         for top in range(0, out.shape[0], LANDED):
             bottom = min(top + LANDED, out.shape[0])
             split_points(

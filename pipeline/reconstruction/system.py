@@ -65,6 +65,9 @@ HrImage = npt.NDArray[np.float32]
 
 Number = TypeVar("Number", bound=np.generic)
 
+ON_ITSELF = tuple(map(np.float32, (1, 0, 1, 0)))
+"""What coordinates are multiplied by and what is added, x and y, where the grids are one."""
+
 NOTHING: HrImage = np.empty((0, 0), np.float32)
 
 
@@ -211,8 +214,20 @@ class NormalEquations:
         held = [tuple(map(np.ascontiguousarray, images)) for images in observations]
         self.gather_table(table_of(held), predicted_by)
 
-    def gather_table(self, table: Table, predicted_by: HrImage | None = None) -> None:
-        """Do what :meth:`gather` does with a table of observations, see ``kernels.WEIGHT``."""
+    def gather_table(
+        self,
+        table: Table,
+        predicted_by: HrImage | None = None,
+        regular: int = -1,
+        grid: tuple[np.float32, ...] = ON_ITSELF,
+    ) -> None:
+        """Do what :meth:`gather` does with a table of observations, see ``kernels.WEIGHT``.
+
+        Parameters
+        ----------
+        regular, grid
+            See ``kernels.gather_band``.
+        """
         height, width = self.shape
         self._origin, self._has_gathered, self._density = predicted_by, True, None
         level = self._level if predicted_by is None else np.float32(0)
@@ -228,8 +243,8 @@ class NormalEquations:
         tile = min(max(TILE // width, 1), max(hi - lo for lo, hi in parts) + 2)
         map_threads(
             lambda band: kernels.gather_band(
-                table, starts, landing, level, *band, tile, height, width, self._masses,
-                self._units, self._rhs,
+                table, starts, landing, regular, grid, level, *band, tile, height, width,
+                self._masses, self._units, self._rhs,
             ),
             parts,
         )  # fmt: skip

@@ -19,8 +19,11 @@ from pipeline.reconstruction.system import (
     bands,
     half_taps,
     low_pass,
+    sample,
     simulate,
+    spline_coefficients,
 )
+from pipeline.reconstruction.tables import table_of
 from pipeline.threads import set_threads, thread_count
 
 PSF = GaussianPsf(sigma=1.0, support=7)
@@ -475,6 +478,47 @@ def test_a_noisy_pixel_is_no_edge():
         for image in (edge, pixel)
     )
     assert of_pixel > 1.5 * of_edge
+
+
+@pytest.mark.parametrize("sampling", list(Sampling))
+@pytest.mark.parametrize("magnification", [(2, 2), (3, 3), (2, 1), (1, 2), (4, 4), (4, 2)])
+@pytest.mark.parametrize("tile", [1, 5, 400])
+def test_what_lies_as_the_grid_is_gathered_and_sampled_as_what_lies_anywhere(
+    magnification, sampling, tile, monkeypatch
+):
+    grid = Grid(magnification_x=magnification[0], magnification_y=magnification[1],
+                sampling=sampling)  # fmt: skip
+    lr_shape = (70, 83)
+    shape = grid.hr_shape(lr_shape)
+    monkeypatch.setattr("pipeline.reconstruction.system.TILE", tile * shape[1])
+    x, y = _points(grid, lr_shape)
+    values, ones = _image(lr_shape), np.ones(lr_shape, np.float32)
+    # another view lands on some of the same places, and between them
+    other = tuple(map(np.ascontiguousarray, (x + 0.3, y - 0.6, values[::-1], 0.4 * ones)))
+    table = table_of([other, (x, y, values, ones)])
+    to_hr = tuple(map(np.float32, (magnification[0], grid.offset_x, magnification[1],
+                                   grid.offset_y)))  # fmt: skip
+    level = float(values.mean())
+    found = []
+    for regular in (-1, 1):
+        system = NormalEquations(shape, sampling_taps(PSF, grid), psf_taps(PSF, grid), level)
+        system.gather_table(table, None, regular, to_hr)
+        found.append((system._masses[..., : shape[1]] * system._units[:, None, None], system._rhs))
+    (masses, rhs), (regular_masses, regular_rhs) = found
+    np.testing.assert_allclose(regular_masses, masses, atol=2e-5 * masses.max())
+    np.testing.assert_allclose(regular_rhs, rhs, atol=1e-5 * np.abs(rhs).max())
+    coefficients = spline_coefficients(_image(shape), sampling_taps(PSF, grid))
+    samples = np.empty(lr_shape, np.float32)
+    kernels.sample_regular(coefficients, *to_hr, samples)
+    np.testing.assert_allclose(samples, sample(coefficients, x, y), rtol=1e-5)
+
+
+@pytest.mark.parametrize("moved", [None, (0, 0), (4, 6), (3, 2)])
+def test_points_lie_as_the_grid_where_none_of_them_lies_elsewhere(moved):
+    points = np.stack(np.meshgrid(np.arange(7), np.arange(5)), axis=-1).astype(np.float32)
+    if moved is not None:
+        points[moved][1] += 0.25
+    assert kernels.lies_as_itself(points) == (moved is None)
 
 
 # --- solving -----------------------------------------------------------------------------
