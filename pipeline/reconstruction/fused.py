@@ -17,6 +17,7 @@ noise.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -81,6 +82,10 @@ explains, grey levels."""
 
 AROUND = 2.5
 """σ of the window over which detail is averaged, LR pixels."""
+
+SMOOTHED = 0.9
+"""Variance of what that is smoothed by where it is averaged on half as many rows and columns: means
+of two by two pixels, and what lies between these when they are enlarged; LR pixels squared."""
 
 SMALLEST_SIGMA = 0.5
 """σ_psf below which nothing changes, HR pixels."""
@@ -291,7 +296,8 @@ def _begun(
     estimate, left = estimate_alone(reference, grid, psf, noise, learned), 0.0
     if learned is None:
         left = noise**2 * restoration_of(reference, grid, psf, noise).roughness
-    return Begun(estimate=estimate, local=local_strength(estimate, grid, noise, tuning, left))
+    local = local_strength(estimate, grid, noise, tuning, left, is_halved=True)
+    return Begun(estimate=estimate, local=local)
 
 
 def prior_strength(noise: float, psf_sigma: float, tuning: FusedTuning) -> float:
@@ -302,7 +308,13 @@ def prior_strength(noise: float, psf_sigma: float, tuning: FusedTuning) -> float
 
 
 def local_strength(
-    estimate: HrImage, grid: Grid, noise: float, tuning: FusedTuning, left: float = 0.0
+    estimate: HrImage,
+    grid: Grid,
+    noise: float,
+    tuning: FusedTuning,
+    left: float = 0.0,
+    *,
+    is_halved: bool = False,
 ) -> npt.NDArray[np.float32]:
     """Return the share of λ that there is at each HR pixel, by the detail seen around it.
 
@@ -312,6 +324,9 @@ def local_strength(
         Of the observations, grey levels.
     left : float
         Mean square of the differences that noise makes in the estimate, grey levels squared.
+    is_halved : bool
+        Whether detail is averaged on half of the LR rows and columns, which tells nearly the same
+        and takes half the time. Of boxes it is not: each would be halved from a border of its own.
     """
     height, width = estimate.shape
     squares = np.empty_like(estimate)
@@ -321,7 +336,12 @@ def local_strength(
     power, least = tuning.prior_detail
     power *= min(noise, 1.0) ** 2
     logarithms = np.log(np.maximum(cells / 2 - np.float32(left), 0) + 1)
-    detail = cv2.GaussianBlur(logarithms, (0, 0), AROUND)
+    sigma = AROUND
+    if is_halved:
+        half = -(-lr_size[0] // 2), -(-lr_size[1] // 2)
+        logarithms = cv2.resize(logarithms, half, interpolation=cv2.INTER_AREA)
+        sigma = math.sqrt(AROUND**2 - SMOOTHED) / 2
+    detail = cv2.GaussianBlur(logarithms, (0, 0), sigma)
     local = np.maximum(np.exp(-power * detail), np.float32(least))
     return np.asarray(cv2.resize(local, (width, height), interpolation=cv2.INTER_LINEAR))
 

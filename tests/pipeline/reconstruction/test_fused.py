@@ -184,11 +184,30 @@ def test_noise_that_is_left_over_is_no_detail():
     assert known > unknown + 0.2
 
 
+@pytest.mark.parametrize("is_halved", [False, True])
 @pytest.mark.parametrize("lr_shape", [(1, 1), (1, 7), (5, 1)])
-def test_the_smallest_pictures_have_a_local_strength(lr_shape):
+def test_the_smallest_pictures_have_a_local_strength(lr_shape, is_halved):
     grid = make_grid()
     flat = np.full(grid.hr_shape(lr_shape), 9, np.float32)
-    np.testing.assert_array_equal(local_strength(flat, grid, 1.0, FusedTuning()), 1)
+    local = local_strength(flat, grid, 1.0, FusedTuning(), is_halved=is_halved)
+    np.testing.assert_array_equal(local, 1)
+
+
+@pytest.mark.parametrize("lr_shape", [(48, 64), (47, 65)])
+def test_detail_averaged_on_half_of_the_rows_and_columns_is_nearly_the_same(lr_shape):
+    grid, tuning = make_grid(), FusedTuning()
+    picture = np.full(grid.hr_shape(lr_shape), 100, np.float32)
+    # an edge, and texture of another contrast in each quarter
+    rng, (height, width) = np.random.default_rng(8), picture.shape
+    for number, (rows, columns) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
+        part = picture[rows * height // 2 :, columns * width // 2 :]
+        part += rng.normal(0, number, part.shape).astype(np.float32) + 20 * rows
+    whole = local_strength(picture, grid, 1.0, tuning)
+    halved = local_strength(picture, grid, 1.0, tuning, is_halved=True)
+    assert whole.std() > 0.1
+    away = np.abs(halved - whole)
+    assert away.max() < 0.03
+    assert away.mean() < 0.005
 
 
 def test_a_descent_goes_on_longest_where_aliasing_or_blur_is_to_be_undone():
