@@ -8,6 +8,7 @@ is checked.
 from __future__ import annotations
 
 from llvmlite import ir
+from numba import types
 
 LANES = 8
 """Pixels worked on together."""
@@ -15,7 +16,10 @@ LANES = 8
 WIDE = 16
 """The same where all is arithmetic, for processors that have such vectors."""
 
-_FLOAT, _WORD, _SHORT = ir.FloatType(), ir.IntType(32), ir.IntType(16)
+_FLOAT, _WORD, _SHORT, _HALF = ir.FloatType(), ir.IntType(32), ir.IntType(16), ir.HalfType()
+
+LARGEST = 65504.0
+"""Of what numbers of sixteen bits hold."""
 
 
 class Vectors:
@@ -33,6 +37,7 @@ class Vectors:
         self.floats, self.words, self.shorts = (
             ir.VectorType(kind, lanes) for kind in (_FLOAT, _WORD, _SHORT)
         )
+        self.sixteen_bits = ir.VectorType(_HALF, lanes)
         self.zeros, self.halves, self.ones = map(self.constant, (0.0, 0.5, 1.0))
 
     def constant(self, number: float):
@@ -75,6 +80,24 @@ class Vectors:
     def store(self, value, data, at, more: int = 0) -> None:
         """Write a vector there."""
         self.builder.store(value, self.place(data, at, more), align=4)
+
+    def load_kept(self, data, at, kind: types.Type):
+        """Return a vector of elements kept as float32, or as uint16: the bits of float16."""
+        if kind == types.float32:
+            return self.load(data, at)
+        found = self.builder.load(self.place(data, at, kind=self.sixteen_bits), align=2)
+        return self.builder.fpext(found, self.floats)
+
+    def keep(self, value, data, at, kind: types.Type) -> None:
+        """Write a vector of elements as :meth:`load_kept` reads them, cut off at the largest."""
+        if kind == types.float32:
+            self.store(value, data, at)
+            return
+        for sign, bound in (("<", LARGEST), (">", -LARGEST)):
+            most = self.constant(bound)
+            value = self.builder.select(self.builder.fcmp_ordered(sign, value, most), value, most)
+        found = self.builder.fptrunc(value, self.sixteen_bits)
+        self.builder.store(found, self.place(data, at, kind=self.sixteen_bits), align=2)
 
     def load_shorts(self, data, at, more: int = 0):
         """Return unsigned 16-bit numbers as floats."""

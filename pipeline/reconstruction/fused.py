@@ -439,7 +439,7 @@ def equations_of(
     """
     return NormalEquations(
         shape, sampling_taps(psf, grid), psf_taps(psf, grid), level, local, most_bands,
-        (grid.magnification_y, grid.magnification_x), tuning.gain,
+        (grid.magnification_y, grid.magnification_x), tuning.gain, short=True,
     )  # fmt: skip
 
 

@@ -5,9 +5,9 @@ right of it, half a pixel below it, and both. A quadratic B-spline weighs its co
 1/8 at a pixel and 1/2 1/2 between two. Coefficients lie reflected about the edge of the image; of
 its last column and row there is nothing half a pixel beyond.
 
-Rows stream by: *rings* of three lines hold the last ones, row r in line r mod 3. All rings are
-lines of one array, named by the number of their first; what is made on the way is made for so many
-columns at once that it stays in the first cache.
+Rows stream by: *rings* hold the last ones, of coefficients four, row r in line r mod 4, of all else
+three, row r in line r mod 3. All rings are lines of one array, named by the number of their first;
+what is made on the way is made for so many columns at once that it stays in the first cache.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ LEAD = WIDE
 """Numbers before the first pixel of a line, and behind its last sixteen: more than are read beside
 a pixel, and as many as begin on a line of the processor's cache where the array does."""
 
-COEFFICIENTS, OWN, BETWEEN = 0, 3, 6
+COEFFICIENTS, OWN, BETWEEN = 0, 4, 7
 """Rings of spline coefficients, and of what adds to those of the same row, and to those of this row
 and of the next."""
 
-NUM_LINES = 9
+NUM_LINES = 10
 
 MIDDLE, SIDE, HALF = np.float32(0.75), np.float32(0.125), np.float32(0.5)
 """The taps of the spline: at a pixel, beside it, and half-way to the next one."""
@@ -76,9 +76,9 @@ def sample_row(work, strip, y, height, width, masses, unit):
     unit : float32
         What one of them is worth.
     """
-    above, below = max(y - 1, 0) % 3, min(y + 1, height - 1) % 3
+    above, below = max(y - 1, 0) % 4, min(y + 1, height - 1) % 4
     first = start_of(COEFFICIENTS + above, width)
-    own = start_of(COEFFICIENTS + y % 3, width)
+    own = start_of(COEFFICIENTS + y % 4, width)
     last = start_of(COEFFICIENTS + below, width)
     flat, plane, places = masses.reshape(-1), masses.shape[1], 2 * STRIP_PITCH
     for left in range(0, width, STRIP):

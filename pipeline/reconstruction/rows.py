@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from pipeline.compiled import INLINED, LEAN, PUT_IN_PLACE
-from pipeline.reconstruction.simd import WIDE, blur_wide
+from pipeline.reconstruction.simd import WIDE, blur_across, blur_along, blur_wide
 
 LINE = 16
 """Numbers in a line of the processor's cache. Sixteen that are read or written at once cross two
@@ -31,11 +31,16 @@ def make_lines(count, length):
     return found[first : first + count * length].reshape(count, length)
 
 
+@njit(**INLINED)
+def lead_of(reach):
+    """Return how many numbers of a room come before its own."""
+    return max(whole(reach), LINE)
+
+
 @njit(**PUT_IN_PLACE)
 def make_room(size, reach):
-    """Return room for :func:`blur_row`: its own numbers, behind so many others, begin a line."""
-    first = -reach % LINE
-    return make_lines(1, whole(first + size + 2 * reach))[0, first:]
+    """Return room for :func:`blur_room`: its own numbers, behind some others, begin a line."""
+    return make_lines(1, lead_of(reach) + whole(size + reach) + LINE)[0]
 
 
 @njit(**LEAN)
@@ -108,27 +113,37 @@ def blur_row(row, taps, room, out):
     row : (W,) float32
     taps : (reach + 1,) float32
         Half taps.
-    room : (W + 2·reach,) float32
-        Scratch.
-    out : (≥ W,) float32
+    room
+        Of :func:`make_room`, to work in.
+    out : (≥ whole(W),) float32
     """
-    reach, size = taps.size - 1, row.size
-    copy_row(row, room[reach:])
+    copy_row(row, room[lead_of(taps.size - 1) :])
+    blur_room(room, row.size, taps, out)
+
+
+@njit(**LEAN)
+def blur_room(room, size, taps, out):
+    """Do what :func:`blur_row` does with so many numbers that are in the room already."""
+    reach = taps.size - 1
+    first = lead_of(reach)
     for k in range(1, reach + 1):
-        room[reach - k] = row[mirror(-k, size)]
-        room[reach + size - 1 + k] = row[mirror(size - 1 + k, size)]
+        room[first - k] = room[first + mirror(-k, size)]
+        room[first + size - 1 + k] = room[first + mirror(size - 1 + k, size)]
     k = 1
     if reach >= 3:
-        places = reach, reach - 1, reach + 1, reach - 2, reach + 2, reach - 3, reach + 3
-        _four(room, places, taps, size, out)
+        four = taps[0], taps[1], taps[2], taps[3]
+        for x in range(0, size, WIDE):
+            blur_along(room, first + x, four, out, x)
         k = 4
     elif reach == 2:
-        _three(room, (reach, reach - 1, reach + 1, reach - 2, reach + 2), taps, size, out)
+        three = taps[0], taps[1], taps[2]
+        for x in range(0, size, WIDE):
+            blur_along(room, first + x, three, out, x)
         k = 3
     else:
-        _scaled(row, taps[0], out)
+        _scaled(room[first : first + size], taps[0], out)
     while k <= reach:
-        _more(out, room[reach - k :], room[reach + k :], taps[k], size)
+        _more(out, room[first - k :], room[first + k :], taps[k], size)
         k += 1
 
 
@@ -166,6 +181,39 @@ def blur_ring(ring, y, taps, height, width, out):
         up, down = mirror(y - k, height) % lines, mirror(y + k, height) % lines
         _more(out, ring[up], ring[down], taps[k], width)
         k += 1
+
+
+@njit(**LEAN)
+def blur_two(ring, y, taps, height, width, out):
+    """Write rows y and y + 1 as :func:`blur_ring` does; what both need is read once.
+
+    Parameters
+    ----------
+    ring : (≥ 2·reach + 2, ≥ whole(W)) float32
+    out : (2, ≥ whole(W)) float32
+        Where y is the last row, anything comes into the second line.
+    """
+    reach, lines, pitch = taps.size - 1, ring.shape[0], ring.shape[1]
+    if reach < 3:
+        for row in range(2):
+            blur_ring(ring, y + row, taps, height, width, out[row])
+        return
+    places = (
+        mirror(y - 3, height) % lines * pitch, mirror(y - 2, height) % lines * pitch,
+        mirror(y - 1, height) % lines * pitch, y % lines * pitch,
+        mirror(y + 1, height) % lines * pitch, mirror(y + 2, height) % lines * pitch,
+        mirror(y + 3, height) % lines * pitch, mirror(y + 4, height) % lines * pitch,
+    )  # fmt: skip
+    four = taps[0], taps[1], taps[2], taps[3]
+    a, b, c, d, e, f, g, h = places
+    flat, both = ring.reshape(-1), out.reshape(-1)
+    for x in range(0, width, WIDE):
+        at = a + x, b + x, c + x, d + x, e + x, f + x, g + x, h + x
+        blur_across(flat, at, four, both, x, out.shape[1])
+    for k in range(4, reach + 1):
+        for row in range(2):
+            up, down = mirror(y + row - k, height) % lines, mirror(y + row + k, height) % lines
+            _more(out[row], ring[up], ring[down], taps[k], width)
 
 
 @njit(**LEAN)

@@ -479,6 +479,152 @@ def blur_wide(typing_context, image, places, taps, out, to):
 
 
 @intrinsic
+def plus_wide(typing_context, first, at, factor, second, there, out, to):
+    """Write sixteen numbers + ``factor`` · sixteen others.
+
+    Parameters
+    ----------
+    first, second, out : float32 or uint16 array
+        The latter holds the bits of float16, in which numbers are cut off at 65504.
+    at, there, to : intp
+        Of the first one in each.
+    factor : float32
+    """
+    return _adding(WIDE, first, second, out)
+
+
+@intrinsic
+def plus_one(typing_context, first, at, factor, second, there, out, to):
+    """Do what :func:`plus_wide` does with one number."""
+    return _adding(1, first, second, out)
+
+
+def _adding(lanes: int, first, second, out):
+    """Return signature and code of what adds so many numbers to so many."""
+    signature = types.void(first, types.intp, types.float32, second, types.intp, out, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        vectors = _Vectors(builder, lanes, ("contract",))
+        left, right = (
+            vectors.load_kept(
+                _data(context, builder, signature, arguments, n), arguments[n + 1],
+                signature.args[n].dtype,
+            )
+            for n in (0, 3)
+        )  # fmt: skip
+        total = vectors.add(left, vectors.times(right, vectors.spread(arguments[2])))
+        target = _data(context, builder, signature, arguments, 5)
+        vectors.keep(total, target, arguments[6], signature.args[5].dtype)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def move_wide(typing_context, row, out, at):
+    """Copy sixteen numbers; arrays are of the kinds that :func:`plus_wide` takes."""
+    return _moving(WIDE, row, out)
+
+
+@intrinsic
+def move_one(typing_context, row, out, at):
+    """Do what :func:`move_wide` does with one number."""
+    return _moving(1, row, out)
+
+
+def _moving(lanes: int, row, out):
+    """Return signature and code of what copies so many numbers."""
+    signature = types.void(row, out, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        vectors = _Vectors(builder, lanes)
+        source, target = (_data(context, builder, signature, arguments, n) for n in (0, 1))
+        found = vectors.load_kept(source, arguments[2], signature.args[0].dtype)
+        vectors.keep(found, target, arguments[2], signature.args[1].dtype)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def blur_along(typing_context, row, at, taps, out, to):
+    """Write sixteen sums of neighbours in a row, each pair of them times its tap.
+
+    All that is read begins with lines of the processor's cache where the first pixel does; what
+    lies beside it is moved into place, since reading across lines takes twice as long.
+
+    Parameters
+    ----------
+    row : float32 array
+        Sixteen are read before the first pixel, and behind the last one.
+    at : intp
+        Of the first pixel.
+    taps : tuple of float32
+        Of the middle ones, then of each pair.
+    out, to : float32 array, intp
+        Where the result goes.
+    """
+    signature = types.void(row, types.intp, taps, out, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        wide = _Vectors(builder, WIDE)
+        pixels, result = (_data(context, builder, signature, arguments, n) for n in (0, 3))
+        before, own, behind = (wide.load(pixels, arguments[1], n * WIDE) for n in (-1, 0, 1))
+        total = wide.zeros
+        for away in range(len(taps)):
+            part = own
+            if away > 0:
+                left = wide.choose(before, own, [WIDE - away + n for n in range(WIDE)])
+                right = wide.choose(own, behind, [away + n for n in range(WIDE)])
+                part = wide.add(left, right)
+            tap = wide.spread(builder.extract_value(arguments[2], away))
+            total = wide.add(total, wide.times(part, tap))
+        wide.store(total, result, arguments[4])
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def blur_across(typing_context, image, places, taps, out, to, pitch):
+    """Write sixteen sums of pixels in rows around one, and in those around the next.
+
+    Parameters
+    ----------
+    image : float32 array
+    places : tuple of intp
+        Of the first of sixteen pixels in each row, one below another; of an even number of rows.
+    taps : tuple of float32
+        Of the row in the middle, then of those on both sides of it.
+    out, to, pitch : float32 array, intp, intp
+        Where the first results go; from these to those of the next row.
+    """
+    signature = types.void(image, places, taps, out, types.intp, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        # each sum by itself, so that it does not matter which of the two a row gets
+        wide = _Vectors(builder, WIDE, ("contract",))
+        pixels, result = (_data(context, builder, signature, arguments, n) for n in (0, 3))
+        rows = [
+            wide.load(pixels, builder.extract_value(arguments[1], n)) for n in range(len(places))
+        ]
+        to = arguments[4]
+        for middle in (len(taps) - 1, len(taps)):
+            total = None
+            for away in range(len(taps)):
+                part = rows[middle]
+                if away > 0:
+                    part = wide.add(rows[middle - away], rows[middle + away])
+                part = wide.times(part, wide.spread(builder.extract_value(arguments[2], away)))
+                total = part if total is None else wide.add(total, part)
+            wide.store(total, result, to)
+            to = builder.add(to, arguments[5])
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
 def weigh_places(typing_context, image, places, more, taps, first, out, to):
     """Write sixteen sums of pixels, those at each place times its tap, one after another.
 

@@ -1,11 +1,12 @@
 """Compiled sweeps over bands of HR rows: the system's matrix, the preconditioner, the steps.
 
 A sweep lets rows stream through blur, lattice, blur and prior while they are in the
-processor's cache: each array is read or written once. A band computes the rows that it needs
-of its neighbours anew, so that bands may run side by side; what it changes it changes in place, and
-reads of its neighbours what was set aside before. What is summed is kept row by row, so that no sum
-depends on the bands. What makes the rings for it, and what works in them, are functions of their
-own.
+processor's cache: each array is read or written once. Images that are *kept* from sweep to sweep
+are float32, or uint16, the bits of float16, of which half as much crosses memory. A band computes
+the rows that it needs of its neighbours anew, so that bands may run side by side; what it changes
+it changes in place, and reads of its neighbours what was set aside before. What is summed is kept
+row by row, so that no sum depends on the bands. What makes the rings for it, and what works in
+them, are functions of their own.
 """
 
 from __future__ import annotations
@@ -27,9 +28,12 @@ from pipeline.reconstruction.half_pixels import (
 )
 from pipeline.reconstruction.rows import (
     blur_ring,
+    blur_room,
     blur_row,
+    blur_two,
     copy_row,
     dot_row,
+    lead_of,
     make_lines,
     make_room,
     mirror,
@@ -39,6 +43,10 @@ from pipeline.reconstruction.rows import (
 from pipeline.reconstruction.simd import (
     WIDE,
     bend_wide,
+    move_one,
+    move_wide,
+    plus_one,
+    plus_wide,
     pull_wide,
     round_wide,
     shares_wide,
@@ -85,7 +93,7 @@ def turn_and_apply(
 
     Parameters
     ----------
-    sharpened, direction : (KH, KW) float32
+    sharpened, direction : (KH, KW), kept
         p is ``sharpened`` + ``factor`` · ``direction``; a factor of zero does not read it.
     beyond : (of ``sharpened``, of ``direction``)
         Their rows before ``lo`` and from ``hi`` on, see ``system.rows_beyond``.
@@ -104,14 +112,13 @@ def turn_and_apply(
         λ, in units of the prior.
     writes : bool
         Whether p takes the place of ``direction``.
-    out : (KH, KW) float32
+    out : (KH, KW), kept
         ``sharpened`` itself, or another one.
     sums : (2, KH) float64
         Of these rows, pᵀ Bᵀ M B p and λ pᵀ P p; the latter of one row of ``BENT_EVERY``, in the
         place of all.
     """
-    width, reach = sharpened.shape[1], taps_y.size - 1
-    lines = 2 * reach + 1
+    width, lines = sharpened.shape[1], 2 * taps_y.size
     _turn_and_apply(
         sharpened, factor, direction, beyond, taps_x, taps_y, masses, units, rhs, prior, strength,
         lo, hi, writes, out, sums,
@@ -120,14 +127,14 @@ def turn_and_apply(
         make_lines(NUM_STRIP_LINES, STRIP_PITCH).reshape(-1),
         # the last of these lines stays zero: what lies outside the image
         make_lines(3, pitch_of(width)),
-        make_room(width, taps_x.size - 1), make_lines(1, whole(width))[0],
+        make_room(width, taps_x.size - 1), make_lines(2, whole(width)),
     )  # fmt: skip
 
 
 @njit(**LEAN)
 def _turn_and_apply(
     sharpened, factor, direction, beyond, taps_x, taps_y, masses, units, rhs, prior, strength, lo,
-    hi, writes, out, sums, blurred, back, work, strip, around, room, line,
+    hi, writes, out, sums, blurred, back, work, strip, around, room, two,
 ):  # fmt: skip
     height, width = sharpened.shape
     reach, lines = taps_y.size - 1, blurred.shape[0]
@@ -141,28 +148,35 @@ def _turn_and_apply(
     f, s = np.float32(factor), np.float32(strength)
     every = BENT_EVERY if height >= BENT_FROM else 1
     times = s * (height / ((height + every - 1) // every))
+    own_room = room[lead_of(taps_x.size - 1) :]
     for y in range(lo, hi):
-        while next_back < min(end_back, y + reach + 1):
-            v = next_back
-            while next_lattice < min(end_lattice, v + 2):
-                while next_spline < min(end_spline, next_lattice + 2):
-                    while next_blurred < min(end_blurred, next_spline + reach + 1):
-                        _plus_row(sharpened, f, direction, beyond, next_blurred, lo, hi, line)
-                        blur_row(line[:width], taps_x, room, blurred[next_blurred % lines])
-                        next_blurred += 1
-                    place = start_of(COEFFICIENTS + next_spline % 3, width)
-                    blur_ring(blurred, next_spline, taps_y, height, width, work[place:])
-                    next_spline += 1
-                sample_row(
-                    work, strip, next_lattice, height, width, masses[next_lattice],
-                    units[next_lattice],
-                )  # fmt: skip
-                next_lattice += 1
-            join_row(work, v, height, width, line)
-            if rhs.size > 0:
-                _subtract(rhs[v], line)
-            blur_row(line[:width], taps_x, room, back[v % lines])
-            next_back += 1
+        if (y - lo) % 2 == 0:
+            while next_back < min(end_back, y + reach + 2):
+                v = next_back
+                while next_lattice < min(end_lattice, v + 2):
+                    while next_spline < min(end_spline, next_lattice + 2):
+                        while next_blurred < min(end_blurred, next_spline + reach + 2):
+                            _plus_row(
+                                sharpened, f, direction, beyond, next_blurred, lo, hi, own_room
+                            )
+                            blur_room(room, width, taps_x, blurred[next_blurred % lines])
+                            next_blurred += 1
+                        blur_two(blurred, next_spline, taps_y, height, width, two)
+                        for row in range(min(end_spline - next_spline, 2)):
+                            place = start_of(COEFFICIENTS + (next_spline + row) % 4, width)
+                            copy_row(two[row], work[place:])
+                        next_spline += 2
+                    sample_row(
+                        work, strip, next_lattice, height, width, masses[next_lattice],
+                        units[next_lattice],
+                    )  # fmt: skip
+                    next_lattice += 1
+                join_row(work, v, height, width, own_room)
+                if rhs.size > 0:
+                    _subtract(rhs[v], own_room)
+                blur_room(room, width, taps_x, back[v % lines])
+                next_back += 1
+            blur_two(back, y, taps_y, height, width, two)
         if y == lo:
             _combine(sharpened[y], f, direction[y], around[y % 2, LEAD:])
         below = (y + 1) % 2
@@ -170,20 +184,20 @@ def _turn_and_apply(
             _plus_row(sharpened, f, direction, beyond, y + 1, lo, hi, around[below, LEAD:])
         else:
             below = 2
-        blur_ring(back, y, taps_y, height, width, out[y])
-        own = around[y % 2, LEAD : LEAD + width]
+        own, found = around[y % 2, LEAD : LEAD + width], two[(y - lo) % 2, :width]
         if writes:
-            copy_row(own, direction[y])
-        sums[0, y], sums[1, y] = dot_row(own, out[y]), 0.0
+            _keep_row(own, direction[y])
+        sums[0, y], sums[1, y] = dot_row(own, found), 0.0
+        _keep_row(found, out[y])
         if y % every > 0:
             continue
         first = (y + 1) * pitch + LEAD
         own_at, below_at = y % 2 * length + LEAD, below * length + LEAD
         for x in range(0, width, WIDE):
             bend_wide(
-                prior, first + x, plane, around, own_at + x, below_at + x, line, x
+                prior, first + x, plane, around, own_at + x, below_at + x, own_room, x
             )  # fmt: skip
-        sums[1, y] = times * sum_row(line[:width])
+        sums[1, y] = times * sum_row(own_room[:width])
 
 
 @njit(**LEAN)
@@ -212,13 +226,27 @@ def _row_plus(image, beyond, row, lo, hi, factor, second, out):
 
 
 @njit(**LEAN)
+def _keep_row(row, out):
+    """Copy a row; see ``simd.plus_wide`` for how either may be kept."""
+    size = row.size
+    in_wholes = size - size % WIDE
+    for x in range(0, in_wholes, WIDE):
+        move_wide(row, out, x)
+    for x in range(in_wholes, size):
+        move_one(row, out, x)
+
+
+@njit(**LEAN)
 def _combine(first, factor, second, out):
-    if factor == 0:
-        for x in range(first.size):
-            out[x] = first[x]
-    else:
-        for x in range(first.size):
-            out[x] = first[x] + factor * second[x]
+    if factor == 0:  # the other may hold anything
+        _keep_row(first, out)
+        return
+    size = first.size
+    in_wholes = size - size % WIDE
+    for x in range(0, in_wholes, WIDE):
+        plus_wide(first, x, factor, second, x, out, x)
+    for x in range(in_wholes, size):
+        plus_one(first, x, factor, second, x, out, x)
 
 
 @njit(**LEAN)
@@ -243,7 +271,8 @@ def look_and_sharpen(
     ----------
     step : float
         Zero: x is as it was.
-    estimate, direction, residual, applied : (KH, KW) float32
+    estimate : (KH, KW) float32
+    direction, residual, applied : (KH, KW), kept
         x, the direction p, the residual, and Bᵀ M B p.
     beyond : (of the estimate, of the residual, of ``applied``)
         Their rows before ``lo`` and from ``hi`` on, see ``system.rows_beyond``.
@@ -259,7 +288,7 @@ def look_and_sharpen(
     rows_a_line : int
     taps_x, taps_y : float32
         Half taps of G.
-    sharpened : (KH, KW) float32
+    sharpened : (KH, KW), kept
         ``applied`` itself, or another one.
     scale, local
         Of :func:`weigh_prior`.
@@ -269,7 +298,8 @@ def look_and_sharpen(
     sums : (2, KH) float64
         Of these rows, the scalar products of r with its sharpened self and with p.
     """
-    width, lines = estimate.shape[1], 2 * taps_y.size - 1
+    # rows are smoothed in pairs, and those of the two smoothings need not fall together
+    width, lines = estimate.shape[1], 2 * taps_y.size + 1
     _look_and_sharpen(
         step, estimate, direction, residual, applied, beyond, prior, strength, share, least,
         balance, rows_a_line, taps_x, taps_y, lo, hi, sharpened, scale, local, weighs, sums,
@@ -278,7 +308,7 @@ def look_and_sharpen(
         make_lines(lines, whole(width)),
         # the last line stays zero: what lies outside the image
         make_lines(4, pitch_of(width)),
-        make_room(width, taps_x.size - 1), make_lines(1, whole(width))[0],
+        make_room(width, taps_x.size - 1), make_lines(2, whole(width)),
     )  # fmt: skip
 
 
@@ -286,7 +316,7 @@ def look_and_sharpen(
 def _look_and_sharpen(
     step, estimate, direction, residual, applied, beyond, prior, strength, share, least, balance,
     rows_a_line, taps_x, taps_y, lo, hi, sharpened, scale, local, weighs, sums, gradient,
-    softness, blurred, fine, smoothed, around, room, line,
+    softness, blurred, fine, smoothed, around, room, two,
 ):  # fmt: skip
     height, width = estimate.shape
     reach, lines = taps_y.size - 1, gradient.shape[0]
@@ -301,10 +331,11 @@ def _look_and_sharpen(
     for row in range(max(0, next_row - 1), next_row + 1):
         _row_plus(estimate, beyond[0], row, lo, hi, s, direction[row], around[row % 3, LEAD:])
     weighed = 0 if weighs else height
-    for y in range(lo, hi):
-        while next_fine < min(end_fine, y + reach + 1):
+    own_room = room[lead_of(taps_x.size - 1) :]
+    for y in range(lo, hi, 2):
+        while next_fine < min(end_fine, y + reach + 2):
             v = next_fine
-            while next_row < min(end_row, v + reach + 1):
+            while next_row < min(end_row, v + reach + 2):
                 u = next_row
                 if weighed < min(u + 4, height):
                     # two rows before them are read, and have to be as they were
@@ -329,7 +360,7 @@ def _look_and_sharpen(
                 _plus_row(residual, -s, applied, beyond[1:], u, lo, hi, row)
                 if lo <= u < hi:
                     copy_row(around[u % 3, LEAD : LEAD + width], estimate[u])
-                    copy_row(row[:width], residual[u])
+                    _keep_row(row[:width], residual[u])
                 own = u // rows_a_line
                 for x in range(0, width, WIDE):
                     at = LEAD + x
@@ -340,25 +371,35 @@ def _look_and_sharpen(
                         gradient, softness, u % lines * size + x,
                     )  # fmt: skip
                 if lo <= u < hi:
-                    sums[1, u] = dot_row(row[:width], direction[u])
-                _times(row[:width], balance[own])
-                blur_row(row[:width], taps_x, room, blurred[u % lines])
+                    along = two[0, :width]
+                    _keep_row(direction[u], along)
+                    sums[1, u] = dot_row(row[:width], along)
+                _times(row[:width], balance[own], own_room)
+                blur_room(room, width, taps_x, blurred[u % lines])
                 next_row += 1
-            blur_ring(blurred, v, taps_y, height, width, line)
-            _soften(gradient[v % lines], line, softness[v % lines], fine[v % lines])
-            blur_row(fine[v % lines, :width], taps_x, room, smoothed[v % lines])
-            next_fine += 1
-        blur_ring(smoothed, y, taps_y, height, width, line)
-        sums[0, y] = _sharp(
-            gradient[y % lines, :width], fine[y % lines], line, balance[y // rows_a_line],
-            sharpened[y],
-        )  # fmt: skip
+            blur_two(blurred, v, taps_y, height, width, two)
+            for row in range(min(end_fine - v, 2)):
+                at = (v + row) % lines
+                _soften(
+                    gradient[at, :width], two[row], softness[at], fine[at], own_room
+                )  # fmt: skip
+                blur_room(room, width, taps_x, smoothed[at])
+            next_fine += 2
+        blur_two(smoothed, y, taps_y, height, width, two)
+        for row in range(y, min(y + 2, hi)):
+            sums[0, row] = _sharp(
+                gradient[row % lines, :width], fine[row % lines], two[row - y],
+                balance[row // rows_a_line],
+            )  # fmt: skip
+            _keep_row(two[row - y, :width], sharpened[row])
 
 
 @njit(**LEAN)
-def _soften(row, blurred, softness, out):
-    for x in range(out.size):
-        out[x] = softness[x] * (row[x] - blurred[x])
+def _soften(row, blurred, softness, out, also):
+    for x in range(row.size):
+        value = softness[x] * (row[x] - blurred[x])
+        out[x] = value
+        also[x] = value
 
 
 @njit(**OPTIONS)
@@ -371,18 +412,21 @@ def total(sums):
 
 
 @njit(**LEAN)
-def _times(row, factors):
-    """Multiply a row, in place."""
+def _times(row, factors, also):
+    """Multiply a row, in place, and write it elsewhere, too."""
     for x in range(row.size):
-        row[x] *= factors[x]
+        value = row[x] * factors[x]
+        row[x] = value
+        also[x] = value
 
 
 @njit(**LEAN)
-def _sharp(row, fine, smoothed, balance, out):
+def _sharp(row, fine, smoothed, balance):
+    """Write what is sharpened in place of what is smoothed; return its product with the row."""
     total = np.float32(0.0)
     for x in range(row.size):
         value = row[x] + (fine[x] - smoothed[x])
-        out[x] = balance[x] * value
+        smoothed[x] = balance[x] * value
         total += row[x] * value
     return total
 
@@ -400,7 +444,8 @@ def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
     Parameters
     ----------
     step : float
-    estimate, direction : (KH, KW) float32
+    estimate : (KH, KW) float32
+    direction : (KH, KW), kept
     scale : float
         Root mean square of the differences below which the prior is quadratic, grey levels.
     local : (KH, 1 + KW + BEHIND) float32
@@ -513,17 +558,26 @@ def _square(first, second, out):
         out[x] = away * away
 
 
-@njit(**LEAN)
+@njit(**OPTIONS)
 def advance(step, direction, more, towards, level, lo, hi, estimate, out):
     """Write rows of the estimate + step · direction + more · towards + level."""
-    s, t, base = np.float32(step), np.float32(more), np.float32(level)
+    room = make_lines(2, whole(estimate.shape[1]))
+    _advance(step, direction, more, towards, level, lo, hi, estimate, out, room)
+
+
+@njit(**LEAN)
+def _advance(step, direction, more, towards, level, lo, hi, estimate, out, room):
+    s, t, base, width = np.float32(step), np.float32(more), np.float32(level), estimate.shape[1]
+    along, beside = room[0, :width], room[1, :width]
     for y in range(lo, hi):
-        along, beside, image, result = direction[y], towards[y], estimate[y], out[y]
+        image, result = estimate[y], out[y]
+        _keep_row(direction[y], along)
         if t == 0:
-            for x in range(along.size):
+            for x in range(width):
                 result[x] = image[x] + (s * along[x] + base)
         else:
-            for x in range(along.size):
+            _keep_row(towards[y], beside)
+            for x in range(width):
                 result[x] = image[x] + (s * along[x] + t * beside[x] + base)
 
 
@@ -547,6 +601,30 @@ def _blur_band(image, taps_x, taps_y, lo, hi, margin, out, blurred, room):
             blur_row(image[next_blurred], taps_x, room, blurred[next_blurred % lines])
             next_blurred += 1
         blur_ring(blurred, y, taps_y, height, width, out[y + margin, margin:])
+
+
+@njit(**OPTIONS)
+def blur_kept(image, taps_x, taps_y, lo, hi, out):
+    """Write the blurred image into rows ``lo`` to ``hi`` of one that is kept."""
+    width, lines = image.shape[1], 2 * taps_y.size
+    _blur_kept(
+        image, taps_x, taps_y, lo, hi, out, make_lines(lines, whole(width)),
+        make_room(width, taps_x.size - 1), make_lines(2, whole(width)),
+    )  # fmt: skip
+
+
+@njit(**LEAN)
+def _blur_kept(image, taps_x, taps_y, lo, hi, out, blurred, room, two):
+    height, width = image.shape
+    reach, lines = taps_y.size - 1, blurred.shape[0]
+    end_blurred, next_blurred = min(height, hi + reach), max(0, lo - reach)
+    for y in range(lo, hi, 2):
+        while next_blurred < min(end_blurred, y + reach + 2):
+            blur_row(image[next_blurred], taps_x, room, blurred[next_blurred % lines])
+            next_blurred += 1
+        blur_two(blurred, y, taps_y, height, width, two)
+        for row in range(y, min(y + 2, hi)):
+            _keep_row(two[row - y, :width], out[row])
 
 
 @njit(**LEAN)

@@ -34,6 +34,7 @@ from pipeline.reconstruction.simd import TOGETHER
 from pipeline.reconstruction.sweeps import BEHIND, PAD
 from pipeline.reconstruction.tables import Table, table_of
 from pipeline.threads import map_threads
+from pipeline.vectors import LARGEST
 
 NUM_BANDS = 4
 """Bands of HR rows that are worked on side by side, at most; fixed, so that sums never reorder."""
@@ -67,6 +68,9 @@ Number = TypeVar("Number", bound=np.generic)
 
 ON_ITSELF = tuple(map(np.float32, (1, 0, 1, 0)))
 """What coordinates are multiplied by and what is added, x and y, where the grids are one."""
+
+KeptImage = npt.NDArray[np.float32 | np.uint16]
+"""(K·H, K·W) float32, or uint16: the bits of float16."""
 
 NOTHING: HrImage = np.empty((0, 0), np.float32)
 
@@ -160,6 +164,10 @@ class NormalEquations:
         That times as much, at most, it takes of what the PSF has removed, more or less, and goes
         by how much is observed around each pixel; default: by the PSF as it is, the same
         everywhere.
+    short : bool
+        Whether what is left to do, and what is done about it, is kept in sixteen bits a number:
+        half of it crosses memory. Good to a few thousandths of what there was to do at first, which
+        is enough for a descent that ends at a hundredth.
     """
 
     def __init__(
@@ -172,6 +180,7 @@ class NormalEquations:
         most_bands: int = NUM_BANDS,
         cell: tuple[int, int] = (1, 1),
         gain: float | None = None,
+        short: bool = False,
     ) -> None:
         self.shape = shape
         self._cell, self._is_balanced = cell, gain is not None
@@ -189,7 +198,8 @@ class NormalEquations:
         self._density: HrImage | None = None
         self._bands = bands(shape[0], most_bands)
         self._sums = np.empty((2, height))
-        self._scratch: list[HrImage] = []
+        self._kept_in: type[np.uint16] | type[np.float32] = np.uint16 if short else np.float32
+        self._scratch: tuple[HrImage, KeptImage, KeptImage, KeptImage] | None = None
         self.steps = 0
 
     def gather(
@@ -333,8 +343,8 @@ class NormalEquations:
         if is_one_call and not is_stopped():
             descent.descend(
                 rules, state, scale, unit, PRIOR_SHARE, data_share, *balance, NOTHING,
-                *self._along, *self._sharpening, self._masses, self._units, self._local, image,
-                direction, residual, swept, prior, self._sums,
+                np.empty((0, 0), self._kept_in), *self._along, *self._sharpening, self._masses,
+                self._units, self._local, image, direction, residual, swept, prior, self._sums,
             )  # fmt: skip
         while not is_one_call and state[descent.DONE] < steps and not is_stopped():
             renewed = descent.renews(rules, state)
@@ -361,17 +371,19 @@ class NormalEquations:
         return out
 
     def _write_residual(
-        self, estimate: HrImage, image: HrImage, prior: npt.NDArray[np.uint16], residual: HrImage
-    ) -> None:
+        self, estimate: HrImage, image: HrImage, prior: npt.NDArray[np.uint16],
+        residual: KeptImage,
+    ) -> None:  # fmt: skip
         """Write Bᵀ (b − M B x) of an estimate, ``image`` being its difference to the level."""
         if estimate is self._origin:
             map_threads(
-                lambda band: sweeps.blur_band(self._rhs, *self._along, *band, 0, residual),
+                lambda band: sweeps.blur_kept(self._rhs, *self._along, *band, residual),
                 self._bands,
             )
             return
         away = image if self._origin is None else estimate - self._origin
-        self._turn(away, 0.0, away, prior, 0.0, residual, self._rhs)
+        first, factor, second = _in_two(away) if self._kept_in is np.uint16 else (away, 0.0, away)
+        self._turn(first, factor, second, prior, 0.0, residual, self._rhs)
 
     def _balance(self) -> tuple[HrImage, int]:
         """Return what the preconditioner takes a pixel's gradient times, and its rows a line.
@@ -392,10 +404,11 @@ class NormalEquations:
         lines[:, width:] = 1  # read, though nothing comes of it
         return lines, rows
 
-    def _rooms(self) -> list[HrImage]:
+    def _rooms(self) -> tuple[HrImage, KeptImage, KeptImage, KeptImage]:
         """Return arrays to work in, of whatever they held."""
-        if not self._scratch:
-            self._scratch = [on_lines(self.shape, np.float32) for _ in range(4)]
+        if self._scratch is None:
+            residual, direction, swept = (on_lines(self.shape, self._kept_in) for _ in range(3))
+            self._scratch = on_lines(self.shape, np.float32), residual, direction, swept
         return self._scratch
 
     def _room_for_weights(self) -> npt.NDArray[np.uint16]:
@@ -407,8 +420,9 @@ class NormalEquations:
         return weights
 
     def _turn(
-        self, sharpened: HrImage, factor: float, direction: HrImage, prior: npt.NDArray[np.uint16],
-        unit: float, out: HrImage, rhs: HrImage = NOTHING, *, writes: bool = False,
+        self, sharpened: KeptImage, factor: float, direction: KeptImage,
+        prior: npt.NDArray[np.uint16], unit: float, out: KeptImage, rhs: HrImage = NOTHING, *,
+        writes: bool = False,
     ) -> float:  # fmt: skip
         """Write the matrix times the next direction, that one in place; return its curvature."""
         reach = 2 * self._along[1].size
@@ -426,9 +440,9 @@ class NormalEquations:
         return float(sweeps.total(self._sums[0]) + sweeps.total(self._sums[1]))
 
     def _look(
-        self, step: float, image: HrImage, direction: HrImage, residual: HrImage,
-        applied: HrImage, renew: bool, prior: npt.NDArray[np.uint16], scale: float, unit: float,
-        data_share: float, balance: tuple[HrImage, int], sharpened: HrImage,
+        self, step: float, image: HrImage, direction: KeptImage, residual: KeptImage,
+        applied: KeptImage, renew: bool, prior: npt.NDArray[np.uint16], scale: float, unit: float,
+        data_share: float, balance: tuple[HrImage, int], sharpened: KeptImage,
     ) -> tuple[float, float]:  # fmt: skip
         """Take a step in place, and write the preconditioned gradient; return two products of it.
 
@@ -465,15 +479,22 @@ class NormalEquations:
         return float(sweeps.total(self._sums[0])), float(sweeps.total(self._sums[1]))
 
 
-def rows_beyond(image: HrImage, lo: int, hi: int, reach: int) -> tuple[HrImage, HrImage]:
+def rows_beyond(
+    image: npt.NDArray[Number], lo: int, hi: int, reach: int
+) -> tuple[npt.NDArray[Number], npt.NDArray[Number]]:
     """Return copies of so many rows before ``lo`` and from ``hi`` on, as far as the image goes.
 
     Bands change their rows in place, side by side: what one reads of another is set aside before.
     """
-    return (
-        image[max(0, lo - reach) : lo].copy() if lo > 0 else NOTHING,
-        image[hi : hi + reach].copy() if hi < image.shape[0] else NOTHING,
-    )
+    # a row that has none beyond it gets none of them: nothing is read there
+    return image[max(0, lo - reach) : lo].copy(), image[hi : hi + reach].copy()
+
+
+def _in_two(image: HrImage) -> tuple[KeptImage, float, KeptImage]:
+    """Return images of sixteen bits, and what the second counts, that add up to one of more."""
+    most = np.clip(image, -LARGEST, LARGEST).astype(np.float16)
+    rest = np.clip(image - most, -LARGEST, LARGEST).astype(np.float16)
+    return most.view(np.uint16), 1.0, rest.view(np.uint16)
 
 
 def _unit(strength: float, scale: float) -> float:

@@ -66,11 +66,13 @@ def _no_prior(shape=HR_SHAPE) -> np.ndarray:
 
 
 def _system(
-    *observations, shape=HR_SHAPE, taps=TAPS, sharpening=None, local=None, cell=(1, 1), gain=None
-) -> NormalEquations:
+    *observations, shape=HR_SHAPE, taps=TAPS, sharpening=None, local=None, cell=(1, 1), gain=None,
+    short=False,
+) -> NormalEquations:  # fmt: skip
     system = NormalEquations(
-        shape, taps, sharpening or psf_taps(PSF, GRID), local=local, cell=cell, gain=gain
-    )
+        shape, taps, sharpening or psf_taps(PSF, GRID), local=local, cell=cell, gain=gain,
+        short=short,
+    )  # fmt: skip
     system.gather(observations)
     return system
 
@@ -340,10 +342,15 @@ def test_one_thread_or_two_gather_and_solve_the_same_bits():
         np.testing.assert_array_equal(one, two)
 
 
+def _kept(image: np.ndarray, short: bool) -> np.ndarray:
+    return image.astype(np.float16).view(np.uint16) if short else image
+
+
 @given(
-    cuts=st.lists(st.integers(1, HR_SHAPE[0] - 1), max_size=4), gain=st.sampled_from([None, 20.0])
-)
-def test_sweeps_by_bands_are_the_same_bits(cuts, gain):
+    cuts=st.lists(st.integers(1, HR_SHAPE[0] - 1), max_size=4), gain=st.sampled_from([None, 20.0]),
+    short=st.booleans(),
+)  # fmt: skip
+def test_sweeps_by_bands_are_the_same_bits(cuts, gain, short):
     system = _system(_observations(), cell=(2, 3), gain=gain)
     balance = system._balance()
     image = _image()
@@ -355,15 +362,15 @@ def test_sweeps_by_bands_are_the_same_bits(cuts, gain):
         applied = _times(system, image, prior, 5.0, 0.7)
         looked = []
         for renew in (False, True):
-            direction, residual, matrix = (_image(seed=seed) for seed in (5, 6, 7))
-            looking, sharpened = image.copy(), np.empty_like(image)
+            direction, residual, matrix = (_kept(_image(seed=seed), short) for seed in (5, 6, 7))
+            looking, sharpened = image.copy(), np.empty_like(residual)
             system._look(
                 0.3, looking, direction, residual, matrix, renew, prior, 5.0, 0.7, 0.04, balance,
                 sharpened,
             )  # fmt: skip
             looked += [looking, residual, sharpened, prior.copy()]
-        turned = [direction, np.empty_like(image)]
-        system._turn(image, 0.4, direction, prior, 0.7, turned[1], writes=True)
+        turned = [direction, np.empty_like(direction)]
+        system._turn(_kept(image, short), 0.4, direction, prior, 0.7, turned[1], writes=True)
         samples = np.empty(x.shape, np.float32)
         for low, high in pairwise(split):
             kernels.sample_spline(np.pad(image, 2), x, y, low, high, samples)
@@ -778,6 +785,21 @@ def test_what_is_observed_beyond_a_prediction_leads_where_the_whole_does():
         expected = whole.descend(start, 5.0, 0.3, 4)
         # weights are rounded, which the whole grey levels feel
         np.testing.assert_allclose(beyond.descend(start, 5.0, 0.3, 4), expected, atol=0.3)
+
+
+@pytest.mark.parametrize("gain", [None, 20.0])
+def test_numbers_of_sixteen_bits_lead_where_others_do(gain):
+    shape, start = (45, 83), _image((45, 83), seed=3)
+    seen = _observations(shape, (20, 40))
+    exact, short = (
+        _system(seen, shape=shape, gain=gain, cell=(2, 2), short=short) for short in (False, True)
+    )
+    for steps in (1, 4, 12):
+        expected = exact.descend(start, 5.0, 0.3, steps)
+        found = short.descend(start, 5.0, 0.3, steps)
+        away = np.linalg.norm(found - expected) / np.linalg.norm(expected - start)
+        assert 0 < away < 5e-3, steps
+    assert np.isfinite(short.descend(1e3 * start, 5.0, 0.3, 2)).all(), "beyond their range"
 
 
 def test_the_start_is_not_modified_and_a_solution_stays():
