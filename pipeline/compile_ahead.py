@@ -21,6 +21,7 @@ from pipeline.registration.inverse import inverted
 from pipeline.registration.register import prepare_views, register_view
 from pipeline.superresolve import superresolve, terms_of
 from pipeline.synthetic import SampleScene
+from pipeline.temporal.still import first_seen, seen_again
 from pipeline.view_at import with_view_between
 from pipeline.worker import Worker
 
@@ -63,6 +64,9 @@ def compile_kernels(on_step: Callable[[str], None] = lambda _: None) -> int:
     superresolve(frame, Settings(), targets=(frame.left,), observed_views=(frame.left,))
     on_step("a camera that moves")
     _invert_a_motion(frame)
+    on_step("a film that is coded")
+    luma = frame.view(frame.left).luma
+    seen_again(luma, first_seen(luma, is_coded=True), 1.0)
     on_step("a stream, a view between")
     _do_stream(scene)
     on_step("a video in real time")
@@ -71,7 +75,7 @@ def compile_kernels(on_step: Callable[[str], None] = lambda _: None) -> int:
     for colour in (view.chroma, np.ascontiguousarray(view.chroma[::2, ::2])):
         planes = coded(view.luma, colour, YcbcrMatrix.BT709).planes
     picture_from_planes(planes, parse_pixel_format("yuv420p"), YcbcrMatrix.BT601, Range.LIMITED)
-    return len(kinds) + 5
+    return len(kinds) + 6
 
 
 def _invert_a_motion(frame: MultiViewFrame) -> None:

@@ -112,7 +112,9 @@ class Memory:
     def to_go_on_from(self) -> Previous | None:
         """Return what the previous frame left, and what of that has proved to lag behind."""
         lagging = {
-            name: still.begun for name, still in self.seen.still.items() if still.lagging.any()
+            name: still.begun
+            for name, still in self.seen.still.items()
+            if still.is_drawn or still.lagging.any()
         }
         return None if self.previous is None else replace(self.previous, lagging=lagging)
 

@@ -84,7 +84,7 @@ def restore_frame(
         noise = memory.seen.known_noise(targets)
         if noise is None:
             noise = memory.seen.noise(frame, settings, targets)
-        frame = memory.seen.averaged(frame, noise)
+        frame = memory.seen.averaged(frame, noise, is_held=True)
         memory.miss(names)
         if any(memory.seen.still[target].share_touched > MOSTLY_CHANGED for target in targets):
             memory.move_on()
@@ -138,7 +138,7 @@ def swift_frame(
         noise = memory.seen.noise(frame, settings, names)
         drifts = memory.seen.drifts(frame, targets, noise)
         jumps = memory.seen.jumps(targets, noise)
-        averaged = memory.seen.averaged(frame, noise)
+        averaged = memory.seen.averaged(frame, noise, is_held=is_held)
         shares = [memory.seen.still[target].share_touched for target in targets]
         lags = memory.seen.lags(targets) or (not is_held and memory.seen.begins_to_lag(targets))
         if memory.seen.is_quieter or drifts or jumps or lags or max(shares) > MUCH_CHANGED:

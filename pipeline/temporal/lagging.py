@@ -122,10 +122,11 @@ def no_sums(shape: tuple[int, ...]) -> tuple[npt.NDArray[np.float64], npt.NDArra
 
 def lagging_tiles(
     sums: npt.NDArray[np.float64], numbers: npt.NDArray[np.float64], noise: float, restless: Mask
-) -> tuple[Mask, bool, float | None]:
-    """Return which tiles lag behind, whether the others begin to, and how much of noise stays.
+) -> tuple[Mask, bool, float | None, float]:
+    """Return which tiles lag behind, whether the others begin to, and what noise does.
 
-    The last is the correlation of what is finer than detail; None where nothing tells it.
+    That is the correlation of what is finer than detail, None where nothing tells it, and the
+    power of that, grey levels², where it is calm.
 
     Parameters
     ----------
@@ -140,9 +141,9 @@ def lagging_tiles(
     """
     lagging = np.zeros(numbers.shape, np.bool_)
     bounds = np.array([constant + share * noise**2 for constant, share in BOUNDS])
-    begins, share = _tell(sums.reshape(len(sums), -1), numbers.ravel(), bounds, restless.ravel(),
-        lagging.ravel())  # fmt: skip
-    return lagging, begins, None if np.isnan(share) else share
+    begins, share, power = _tell(sums.reshape(len(sums), -1), numbers.ravel(), bounds,
+        restless.ravel(), lagging.ravel())  # fmt: skip
+    return lagging, begins, None if np.isnan(share) else share, power
 
 
 @njit(**OPTIONS)
@@ -150,8 +151,8 @@ def _tell(sums, numbers, bounds, restless, lagging):
     """Write which tiles lag behind, and return whether the others begin to; all flat.
 
     ``bounds`` are those of a tile, of the median of all others, and of the latter's beginning.
-    Returned is also the correlation of what is finer than detail, where it is calm; NaN where no
-    tile is seen.
+    Returned are also the correlation and the power of what is finer than detail, where it is calm;
+    NaN where no tile is seen.
     """
     means, seen = np.empty_like(sums), numbers >= LEAST
     for tile in range(numbers.size):
@@ -160,7 +161,7 @@ def _tell(sums, numbers, bounds, restless, lagging):
             means[kind, tile] = sums[kind, tile] / counted
     finest = np.sort(means[4][seen])
     if finest.size == 0:
-        return False, np.nan
+        return False, np.nan, np.nan
     limit, finer, least_power, count = _quantile(finest, CALM), 0.0, 0.0, 0
     for tile in range(numbers.size):
         if seen[tile] and means[4, tile] <= limit:
@@ -185,7 +186,7 @@ def _tell(sums, numbers, bounds, restless, lagging):
     middle = _quantile(np.sort(rest[:others]), 0.5) if others else np.inf
     if middle > bounds[1]:
         lagging[:] = True
-    return middle > bounds[2], share
+    return middle > bounds[2], share, least_power
 
 
 @njit(**LEAN)

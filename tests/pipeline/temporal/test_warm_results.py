@@ -353,6 +353,36 @@ def test_the_first_frames_of_a_coded_pan_are_no_worse_than_cold(tmp_path, width,
             assert scores[0] > scores[1] - 0.05, number
 
 
+def test_what_a_codec_draws_anew_in_a_focus_pull_is_no_worse_than_cold(tmp_path):
+    """It leaves a picture as it was for some frames, and then draws it as it is."""
+    scene = replace(SCENE, width=128, height=96)
+    still = scene.frame(0)
+    pictures = [
+        cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        for picture in scene.render_all(0.0)
+    ]
+    shown = [
+        [cv2.GaussianBlur(picture, (0, 0), 0.5 + 0.1 * number) for picture in pictures]
+        for number in range(6)
+    ]
+    films = [
+        list(coded(tmp_path / f"{place}.mkv", noisy(map(scene.observe, film), seed=place), 28))
+        for place, film in enumerate(zip(*shown, strict=True))
+    ]
+    warm, cold = (Worker(_settings(kind), targets=TARGETS) for kind in ("warm", "cold"))
+    for number, truth in enumerate(shown):
+        views = tuple(
+            replace(view, luma=film[number]) for view, film in zip(still.views, films, strict=True)
+        )
+        frame = replace(still, frame_index=number, views=views)
+        ours, other = warm.take(frame), cold.take(frame)
+        for target, place in zip(TARGETS, scene.reference_views, strict=True):
+            scores = [
+                psnr(one.images[target].luma, truth[place], border=8) for one in (ours, other)
+            ]
+            assert scores[0] > scores[1] - 0.05, number
+
+
 @pytest.mark.parametrize("temporal", ["swift", "warm"])
 def test_frames_that_a_codec_left_better_than_those_before_are_no_worse_than_cold(
     tmp_path, temporal
