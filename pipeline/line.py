@@ -17,7 +17,7 @@ from pipeline.frames import MultiViewFrame
 from pipeline.job import Job, Segment
 from pipeline.media.info import SceneInfo
 from pipeline.media.source import FrameSource
-from pipeline.realtime import Controller, paced
+from pipeline.realtime import Controller, find_motions, paced
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.report import depth_origin
 from pipeline.results import FrameResult
@@ -299,6 +299,7 @@ def hold_rate(
     for item, choice in paced(
         frames, controller, line.clock, lambda: work[-1],
         lambda item: line.levels.pop(item.frame.frame_index),
+        lambda left: find_motions(line.worker, controller, left, line.clock),
     ):  # fmt: skip
         begin = line.clock()
         frame = item.frame
@@ -308,10 +309,8 @@ def hold_rate(
             report = replace(last.report, frame_index=frame.frame_index, timings={})
             last = replace(last, frame_index=frame.frame_index, report=report, debug={})
         else:
-            if choice.begins_anew:
-                line.worker.begin_again()
             last = line.worker.take(frame, effort=rung.effort, neighbours=item.neighbours)
-            controller.lacks_motions = line.worker.lacks_motions
+            controller.look_at(line.worker)
         work[-1] = line.clock() - begin
         yield DoneFrame(
             result=last,
@@ -327,6 +326,8 @@ def hold_rate(
                 waited=choice.waited,
             ),
         )  # fmt: skip
+        if choice.begins_anew:
+            line.worker.begin_anew(frame, rung.effort)
 
 
 def first_frame(work: Work, segment: Segment) -> int:

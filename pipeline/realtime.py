@@ -33,6 +33,9 @@ where a way up had to be taken back, to the next one, after a longer calm each t
 rung takes is there, frames are made on the one below. Where nobody waits for a frame, time is used
 to the full: a rung may cost a little too much, and whenever that has made a frame late, two are
 made on one that catches up. A frame that would be begun too late is dropped, and counted.
+
+Where a cut has left motions that are those of another picture, these are found anew between frames
+(:func:`find_motions`), a few each time: those of one frame, all of which is read for that.
 """
 
 from __future__ import annotations
@@ -41,7 +44,7 @@ import math
 import statistics
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 from pipeline.effort import FULL, SWIFT, Effort
 from pipeline.errors import ConfigurationError
@@ -168,10 +171,17 @@ LONGEST_CALM_MIXED = 32
 """The latter where two rungs are mixed and the rung above should not be too much: one that is
 takes no frame away, since another makes good for it."""
 
-ANEW = 32
-"""Frames of a picture that stands, but is another one than that whose motions are kept, until these
-are found anew, at first; that takes the time of some frames, which are dropped. Twice as many each
-time until there was none for ``LONGEST_CALM``."""
+ANEW = 3
+"""Frames of a picture that stands, but is another one than that whose motions are kept, until it is
+begun to find these anew."""
+
+SELDOM = 8
+"""Frames after which one that ends in time is followed by a step of that, even if the next one is
+later than ``LATE`` by it."""
+
+GOES_ON = 96
+"""Frames of a camera that moves up to which the time that is left where motions are missing is no
+calm: of one that goes on none can be found, but frames may be registered if there is time."""
 
 TRIAL = 16
 """Frames within which a rung up that has to be taken back counts as a mistake."""
@@ -316,7 +326,7 @@ class Choice:
     """Whether it is made on a lower rung than the stream is on, since the last ones cost more than
     their time."""
     begins_anew: bool = False
-    """Whether it is made in full since motions are missing: it does not say what others cost."""
+    """Whether motions are missing, and are found anew of this frame: all of it is to be read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -390,6 +400,10 @@ class Controller:
     lacks_motions: bool = field(default=False, init=False)
     """Whether the picture has been another one since motions were found, by the last frame; told by
     whoever has the frames."""
+    stands: bool = field(default=False, init=False)
+    """Whether that picture stands, and motions of it can be found; told likewise."""
+    finds_motions: bool = field(default=False, init=False)
+    """Whether they are being found anew; told likewise."""
     dropped: int = field(default=0, init=False)
     _rungs: tuple[Rung, ...] = field(init=False)
     _frames: list[int] = field(init=False)
@@ -400,13 +414,15 @@ class Controller:
     """Likewise, what they took beside the work of the rung."""
     _latest: tuple[int, float] | None = field(default=None, init=False)
     """Rung of the last frame and what it took of the budget, beside caches that it filled."""
-    _lacking: int = field(default=0, init=False)
-    """Frames in a row that were made without motions that their rung keeps."""
-    _lacking_until_anew: int = field(default=ANEW, init=False)
-    _since_anew: int = field(default=0, init=False)
-    """Frames since the last one that was made in full since motions were missing."""
-    _is_behind: bool = field(default=False, init=False)
-    """Whether frames are dropped by what that one cost."""
+    _standing: int = field(default=0, init=False)
+    """Frames in a row that were made without motions that their rung keeps, most of whose picture
+    stood."""
+    _moving: int = field(default=0, init=False)
+    """The same where it did not."""
+    _unfound: int = field(default=0, init=False)
+    """Frames since the last step by which they are found."""
+    _step: float = field(default=0.0, init=False)
+    """Seconds of the longest of these steps since it was begun."""
     _calm: int = field(default=0, init=False)
     _calm_needed: int = field(default=CALM, init=False)
     _since_up: int = field(default=TRIAL, init=False)
@@ -446,7 +462,8 @@ class Controller:
     @property
     def level_to_read_for(self) -> int:
         """Number of the rung that has what the next frame may need: the first to begin anew."""
-        return 0 if self._lacking >= self._lacking_until_anew else self.level
+        begins = self.lacks_motions and self._standing >= ANEW and not self.finds_motions
+        return 0 if begins else self.level
 
     @property
     def rungs(self) -> Sequence[Rung]:
@@ -476,9 +493,8 @@ class Controller:
         drop = late > PATIENCE * self.budget
         if drop:
             self.dropped += 1
-            self._has_dropped |= not self._is_behind
-        if self.level_to_read_for < self.level and highest == 0 and not drop:
-            return Choice(drop=False, level=0, rung=self._rungs[0], late=late, begins_anew=True)
+            self._has_dropped = True
+        begins_anew = self.level_to_read_for < self.level and highest == 0 and not drop
         if self.mixes and late > LATE * self.budget and not self._catching_up:
             self._catching_up = CATCHING_UP
         own = max(self.level, highest)
@@ -487,7 +503,8 @@ class Controller:
             self._catching_up -= 1
             level = max(own, self._level_that_catches_up())
         return Choice(
-            drop=drop, level=level, rung=self._rungs[level], late=late, catches_up=level > own
+            drop=drop, level=level, rung=self._rungs[level], late=late, catches_up=level > own,
+            begins_anew=begins_anew,
         )  # fmt: skip
 
     def end(self, choice: Choice, seconds: float, worked: float | None = None) -> None:
@@ -505,14 +522,12 @@ class Controller:
             Default: it decides on all.
         """
         if choice.begins_anew:
-            self._begun_anew()
-            return
-        self._is_behind = False
-        self._since_anew += 1
-        if self._since_anew > LONGEST_CALM:
-            self._lacking_until_anew = ANEW
+            self._standing, self._unfound, self._step = 0, 0, 0.0
+            self._frames[choice.level] += 1
+            return  # more of it was read than of others
         is_lacking = self.lacks_motions and choice.rung.keeps_motions
-        self._lacking = self._lacking + 1 if is_lacking else 0
+        self._standing = self._standing + 1 if is_lacking and self.stands else 0
+        self._moving = self._moving + 1 if is_lacking and not self.stands else 0
         filling = FILLING if not self._frames[choice.level] else 0.0
         self._latest = (choice.level, (seconds - filling) / self.budget)
         if choice.catches_up:
@@ -542,7 +557,8 @@ class Controller:
         self._since_up += 1
         mean = statistics.fmean(min(cost, FAR_TOO_MUCH) for cost in self._costs)
         is_calm = mean < LITTLE or self._above(mean) <= self._aim
-        self._calm = self._calm + 1 if is_calm and not self._lacking else 0
+        is_calm &= not is_lacking or self._moving > GOES_ON
+        self._calm = self._calm + 1 if is_calm else 0
         load = self._load()
         tells = cost <= TOO_MUCH and self._guesses > 0
         self._guesses -= tells
@@ -554,12 +570,27 @@ class Controller:
             self._move(self._higher(mean), climbs=True)
             self._since_up = 0
 
-    def _begun_anew(self) -> None:
-        """Go on where the stream was, by motions that are those of this picture."""
-        self._frames[0] += 1
-        self._costs, self._latest, self._calm = [], None, 0
-        self._lacking, self._since_anew, self._is_behind = 0, 0, True
-        self._lacking_until_anew = min(2 * self._lacking_until_anew, LONGEST_CALM)
+    def look_at(self, finder: Finder) -> None:
+        """Be told of motions that are missing; before each :meth:`end`."""
+        self.lacks_motions = finder.lacks_motions
+        self.stands = finder.stands
+        self.finds_motions = finder.finds_motions
+
+    def may_find(self, left: float) -> bool:
+        """Return whether some motions may be found anew before the next frame is begun.
+
+        Parameters
+        ----------
+        left : float
+            Seconds until that is due; to be asked after each frame that was made.
+        """
+        self._unfound += 1
+        is_due = self._unfound >= SELDOM and left >= 0
+        return is_due or self._step - left <= LATE * self.budget
+
+    def has_found(self, seconds: float) -> None:
+        """Learn what a step of finding them took."""
+        self._unfound, self._step = 0, max(self._step, seconds)
 
     def _end_of_one_that_catches_up(self, level: int, cost: float) -> None:
         self._frames[level] += 1
@@ -677,12 +708,51 @@ class Controller:
         self._catching_up = self._in_a_row = self._in_vain = 0
 
 
+class Finder(Protocol):
+    """What finds motions anew: a :class:`pipeline.worker.Worker`."""
+
+    @property
+    def lacks_motions(self) -> bool:
+        """Whether motions are missing."""
+
+    @property
+    def stands(self) -> bool:
+        """Whether the picture is one whose motions can be found."""
+
+    @property
+    def finds_motions(self) -> bool:
+        """Whether they are being found."""
+
+    def find_more(self) -> None:
+        """Find some of them."""
+
+
+def find_motions(
+    finder: Finder, controller: Controller, left: float, clock: Callable[[], float]
+) -> None:
+    """Find some motions anew after a frame, if any are missing and there is time.
+
+    Parameters
+    ----------
+    left : float
+        Seconds until the next frame is due.
+    clock : callable
+        Seconds.
+    """
+    if finder.finds_motions and controller.may_find(left):
+        begin = clock()
+        finder.find_more()
+        controller.has_found(clock() - begin)
+    controller.look_at(finder)
+
+
 def paced(
     frames: Iterable[Item],
     controller: Controller,
     clock: Callable[[], float],
     worked: Callable[[], float | None] = lambda: None,
     highest: Callable[[Item], int] = lambda _: 0,
+    between: Callable[[float], None] = lambda _: None,
 ) -> Iterator[tuple[Item, Choice]]:
     """Yield frames with the choices of a controller, which learns what each of them cost.
 
@@ -698,6 +768,9 @@ def paced(
         Asked after each frame that is not dropped: see :meth:`Controller.end`.
     highest : callable
         Asked before each frame: see :meth:`Controller.begin`.
+    between : callable
+        Called after each frame that is not dropped with the seconds until the next one is due. What
+        it takes is no cost of the frame, but may make the next one late.
     """
     due: float | None = None
     asked, spare = clock(), math.inf
@@ -711,5 +784,7 @@ def paced(
         asked = clock()
         if not choice.drop:
             controller.end(choice, asked - begin, worked())
+            between(0.0 if due is None else due + controller.budget - asked)
+            asked = clock()
         spare = 0.0 if due is None else max(0.0, due + controller.budget - asked)
         due = asked if due is None else min(due + controller.budget, asked)

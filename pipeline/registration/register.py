@@ -8,7 +8,7 @@ chain, a frame starts from the one before it. What is done with two views is in
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +36,7 @@ __all__ = [
     "Thresholds",
     "ViewRegistration",
     "prepare_views",
+    "register_in_steps",
     "register_some",
     "register_view",
     "register_views",
@@ -82,12 +83,33 @@ def register_views(
 
 
 def _register_from_scratch(
-    prepared: dict[str, PreparedView],
+    prepared: Mapping[str, PreparedView],
     targets: Sequence[str],
     sources: Sequence[str],
     terms: Terms,
 ) -> dict[str, list[ViewRegistration]]:
-    """Register the views of a frame; the coarse start of a second reference is by the first."""
+    """Register the views of a frame in one go."""
+    *_, found = register_in_steps(prepared, targets, sources, terms)
+    assert found is not None  # all steps are done
+    return found
+
+
+def register_in_steps(
+    prepared: Mapping[str, PreparedView],
+    targets: Sequence[str],
+    sources: Sequence[str],
+    terms: Terms,
+    at_once: int | None = None,
+) -> Iterator[dict[str, list[ViewRegistration]] | None]:
+    """Register the views of a frame from scratch; yield None after each step, the result at last.
+
+    The coarse start of a second reference is by the first.
+
+    Parameters
+    ----------
+    at_once : int, optional
+        Views that are registered onto a reference in one step; default: as many as can be.
+    """
     first, *others = targets
     chained = terms.method.layout is Layout.WINDOWS and terms.method.refine
 
@@ -102,7 +124,7 @@ def _register_from_scratch(
     begun = [(first, source) for source in wanted]
     if chained:  # the bridges to the other references do not wait for anything
         begun += [(target, first) for target in others]
-    found = dict(zip(begun, map_threads(lambda task: onto(*task), begun), strict=True))
+    found: dict[tuple[str, str], ViewRegistration] = {}
 
     def onto_another(task: tuple[str, str]) -> ViewRegistration:
         target, source = task
@@ -114,10 +136,26 @@ def _register_from_scratch(
         return onto(target, source, (found[first, source], bridge))
 
     tasks = [(target, source) for target in others for source in sources]
-    later = dict(zip(tasks, map_threads(onto_another, tasks), strict=True))
-    return {first: [found[first, source] for source in sources]} | {
-        target: [later[target, source] for source in sources] for target in others
-    }
+    steps = [(part, lambda task: onto(*task)) for part in _parts(begun, at_once, [])]
+    known = [first] if chained else []
+    steps += [(part, onto_another) for part in _parts(tasks, at_once, known)]
+    for number, (part, function) in enumerate(steps, 1):
+        found |= zip(part, map_threads(function, part), strict=True)
+        if number < len(steps):
+            yield None
+    yield {target: [found[target, source] for source in sources] for target in targets}
+
+
+def _parts(
+    tasks: Sequence[tuple[str, str]], at_once: int | None, known: Sequence[str]
+) -> Iterator[Sequence[tuple[str, str]]]:
+    """Yield so many (target, source) at once, all by default; the last ones with what is known."""
+    cheap = [task for task in tasks if task[0] == task[1] or task[1] in known]
+    dear = [task for task in tasks if task not in cheap]
+    size = at_once or max(1, len(dear))
+    parts = [dear[begin : begin + size] for begin in range(0, len(dear), size)]
+    yield from parts[:-1]
+    yield [*(parts[-1] if parts else []), *cheap]
 
 
 def register_some(

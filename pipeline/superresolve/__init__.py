@@ -10,6 +10,7 @@ consumes that and knows nothing of depth, layers or cameras. Here the
 * :mod:`reconstruct`: the second half, images of the targets;
 * :mod:`restore`: images of a frame for which nothing is registered;
 * :mod:`follow`: what moves in such a frame, taken from the frame before and the other eye;
+* :mod:`anew`: motions of another picture, found a few in each frame;
 * :mod:`due`: what of them is made again in a chain of frames, and how thoroughly;
 * :mod:`chain`: what of the frames before holds for a frame;
 * :mod:`memory`: what one frame of a chain leaves to the next;
@@ -20,6 +21,7 @@ consumes that and knows nothing of depth, layers or cameras. Here the
 * :mod:`stages`: how long its stages took.
 """
 
+from pipeline.superresolve.anew import begin_anew, go_on_anew
 from pipeline.superresolve.both_halves import superresolve
 from pipeline.superresolve.choices import (
     chosen_filters,
@@ -37,11 +39,13 @@ from pipeline.superresolve.registered import RegisteredFrame
 __all__ = [
     "Memory",
     "RegisteredFrame",
+    "begin_anew",
     "chosen_filters",
     "chosen_method",
     "default_residual_threshold",
     "default_weight_threshold",
     "given_psf",
+    "go_on_anew",
     "reconstruct_frame",
     "register_frame",
     "superresolve",

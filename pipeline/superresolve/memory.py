@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,6 +62,8 @@ class Memory:
         """Start a new chain: the next frame is computed on its own."""
         self.previous: Previous | None = None
         self.turn = self._stands_since = 0
+        self.finding: Iterator[Previous | None] | None = None
+        """What finds motions anew, step by step."""
         self.seen = Seen()
         self._observed: dict[str, GreyImage] = {}
         self._missed: dict[str, Mask] = {}
@@ -98,16 +100,30 @@ class Memory:
     def move_on(self) -> None:
         """Keep of the registration so far only what holds wherever the rig is."""
         self.stand_again()
+        self.finding = None
         if self.previous is not None:
             self.previous = replace(self.previous, has_moved=True)
 
-    def lacks_motions(self, targets: Sequence[str]) -> bool:
-        """Return whether motions are those of another picture than the one that stands now."""
-        return (
-            self.previous is not None
-            and self.previous.has_moved
-            and all(self.seen.still[target].share_touched <= STANDS for target in targets)
-        )
+    @property
+    def lacks_motions(self) -> bool:
+        """Whether motions are those of another picture than the one that is seen now."""
+        return self.previous is not None and self.previous.has_moved
+
+    def stands(self, targets: Sequence[str]) -> bool:
+        """Return whether most of the targets is what it was one frame before."""
+        still = self.seen.still
+        return all(name in still and still[name].share_touched <= STANDS for name in targets)
+
+    def begin_to_find(self, finding: Iterator[Previous | None]) -> None:
+        """Let motions be found anew of the frame just looked at."""
+        self.finding, self._missed = finding, {}
+
+    def has_found(self, found: Previous) -> None:
+        """Go on by motions that were found anew, of the picture that stands."""
+        self.turn += 1
+        self._solved_turn = self.turn
+        self.previous = replace(found, turn=self.turn)
+        self.finding, self._has_landed = None, False
 
     def to_go_on_from(self) -> Previous | None:
         """Return what the previous frame left, and what of that has proved to lag behind."""
@@ -184,6 +200,10 @@ class Memory:
         for view_id in view_ids:
             touched, before = self.seen.still[view_id].touched, self._missed.get(view_id)
             self._missed[view_id] = touched if before is None else touched | before
+        if self.finding is not None and any(
+            np.count_nonzero(missed) > STANDS * missed.size for missed in self._missed.values()
+        ):
+            self.finding = None
 
     def can_land(
         self, frame: MultiViewFrame, targets: Sequence[str], view_ids: Sequence[str]
@@ -283,7 +303,7 @@ class Memory:
     def keep(self, found: Previous, observed: dict[str, GreyImage]) -> None:
         """Remember a frame that is registered."""
         self.turn += 1
-        self._missed, self._has_landed = {}, False
+        self.finding, self._missed, self._has_landed = None, {}, False
         self.previous = replace(found, turn=self.turn)
         self._observed = observed
 

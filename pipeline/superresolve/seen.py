@@ -91,6 +91,13 @@ class Seen:
         self.is_quieter = before is not None and before > LEAST_NOISE and noise < QUIETER * before
         return noise
 
+    def noise_anew(
+        self, frame: MultiViewFrame, settings: Settings, view_ids: Sequence[str]
+    ) -> float:
+        """Return that of a picture that has nothing to do with the frames before."""
+        self._noise = {}
+        return self.noise(frame, settings, view_ids)
+
     def _look_at(self, frame: MultiViewFrame, view_ids: Sequence[str]) -> None:
         """Estimate the noise of some views."""
         lumas = [frame.view(name).luma for name in view_ids]

@@ -23,7 +23,7 @@ from pipeline.frames import MultiViewFrame
 from pipeline.media.live_frames import LiveFrames
 from pipeline.media.live_manifest import LiveManifest
 from pipeline.psf_search import search_psf
-from pipeline.realtime import Choice, Controller, Rung
+from pipeline.realtime import Choice, Controller, Rung, find_motions
 from pipeline.reconstruction.psf import GaussianPsf
 from pipeline.rehearsal import as_far_as_it_goes
 from pipeline.results import FrameResult
@@ -274,7 +274,8 @@ class StreamSession:
             if choice.drop and self.options.real_time:
                 self._account(assembled, {}, problem="too late")
                 return
-            frame = self._decoded(assembled, choice.rung.effort if self.options.real_time else FULL)
+            is_whole = choice.begins_anew or not self.options.real_time
+            frame = self._decoded(assembled, FULL if is_whole else choice.rung.effort)
             marks.append(self._clock())
             result = self._superresolved(frame, choice)
             marks.append(self._clock())
@@ -305,6 +306,7 @@ class StreamSession:
         progress.departures.add(end)
         self._latency.add(seconds)
         self._account(assembled, seconds, effort=self._words(choice))
+        self._find_motions(frame, choice, marks[0])
 
     def _decoded(self, assembled: AssembledFrame, effort: Effort) -> MultiViewFrame:
         """Return the frame; pictures that cannot be used are left out as if they had not come.
@@ -344,7 +346,32 @@ class StreamSession:
             self._worker = self._made_worker(frame)
         if not self.options.real_time:
             return self._worker.take(frame)
-        return self._worker.take(frame, effort=choice.rung.effort)
+        result = self._worker.take(frame, effort=choice.rung.effort)
+        self._controller.look_at(self._worker)
+        return result
+
+    def _find_motions(self, frame: MultiViewFrame, choice: Choice, arrived: float) -> None:
+        """Find motions anew that a cut has left missing, while no frame waits.
+
+        Parameters
+        ----------
+        arrived : float
+            When the last picture of the frame did.
+        """
+        if self._worker is None or not self.options.real_time:
+            return
+        try:
+            if choice.begins_anew:
+                self._worker.begin_anew(frame, choice.rung.effort)
+            left = arrived + self._controller.budget - self._clock()
+            find_motions(self._worker, self._controller, left, self._clock)
+        except Interrupted:
+            return
+        except MemoryError:
+            raise
+        except Exception:
+            # the frame is sent, and the next one starts a new chain
+            log.warning("no motions were found anew", exc_info=True, extra={"stream": self.stream})
 
     def _made_worker(self, first: MultiViewFrame) -> Worker:
         """Return the worker, with the PSF of the first frame where it is to be estimated."""

@@ -79,7 +79,7 @@ def worker(compute):
     """Return what makes workers whose second half is ``compute`` and whose first does nothing."""
 
     class Simple:
-        lacks_motions = False
+        lacks_motions = stands = finds_motions = False
 
         def __init__(self, settings, *, stop, **arguments):
             self.settings, self.arguments = settings, arguments

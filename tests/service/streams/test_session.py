@@ -14,8 +14,13 @@ import av
 import numpy as np
 import pytest
 
+from pipeline import realtime
 from pipeline.config import Settings
+from pipeline.media.layouts import describe_path
 from pipeline.media.live_source import LiveSource
+from pipeline.realtime import Controller, ladder
+from pipeline.synthetic.scene import SampleScene
+from pipeline.synthetic.writing import write_scene
 from pipeline.worker import Worker
 from service.bus import keys
 from service.bus.keys import Output
@@ -209,3 +214,48 @@ def test_a_source_faster_than_the_machine_loses_frames_and_quality_but_goes_on(n
     assert counts["frames_without_depth"] + counts["frames_incomplete"] > 0
     assert len(status["frames_by_effort"]) > 1
     assert sum(status["frames_by_effort"].values()) == status["frames_done"]
+
+
+def test_after_a_cut_motions_are_found_anew_between_frames(network, tmp_path, monkeypatch):
+    scenes = []
+    for seed in (0, 5):
+        scene = SampleScene(width=96, height=72, num_views=3, seed=seed)
+        scenes.append(tmp_path / str(seed))
+        write_scene(scenes[-1], scene, num_frames=20)
+    kept = next(level for level, rung in enumerate(ladder(3, has_depth=True)) if rung.keeps_motions)
+    end, find = Controller.end, StreamSession._find_motions
+
+    def end_on_the_rung(controller, *arguments):
+        end(controller, *arguments)
+        controller.level = kept
+
+    def find_and_note(session, *arguments):
+        find(session, *arguments)
+        told.append((session._worker.lacks_motions, session._worker.finds_motions))
+
+    def cut(index, parts):
+        return parts if index < 6 else other.read(index)
+
+    monkeypatch.setattr(Controller, "end", end_on_the_rung)
+    monkeypatch.setattr(StreamSession, "_find_motions", find_and_note)
+    # whatever the machine is busy with: no frame is late, and each is followed by a step
+    monkeypatch.setattr(realtime, "PATIENCE", np.inf)
+    monkeypatch.setattr(Controller, "may_find", lambda controller, left: True)
+    told = []
+
+    with (
+        LiveSource(describe_path(scenes[0]), fps=Fraction(10)) as source,
+        LiveSource(describe_path(scenes[1]), fps=Fraction(10)) as other,
+    ):
+        session = run(
+            network, source, options=StreamOptions(wait=5.0),
+            settings=Settings(psf_sigma=1.0, noise_sigma=1.0, temporal="warm"),
+            sent=one_by_one(source, spoil=cut), frames=20,
+        )  # fmt: skip
+    assert session.status()["frames_failed"] == 0
+    lacking = [number for number, (lacks, _) in enumerate(told) if lacks]
+    assert lacking[0] == 6
+    assert any(finds for _, finds in told)
+    assert not any(told[-1])
+    efforts = [item["effort"] for item in session._history]
+    assert set(efforts[6:]) == {str(session._controller.rungs[kept])}, "none is made in full"
