@@ -486,7 +486,7 @@ def rows_beyond(
 
     Bands change their rows in place, side by side: what one reads of another is set aside before.
     """
-    # a row that has none beyond it gets none of them: nothing is read there
+    # none at the edge of the image, beyond which nothing is read
     return image[max(0, lo - reach) : lo].copy(), image[hi : hi + reach].copy()
 
 

@@ -324,52 +324,40 @@ def test_what_changes_slowly_or_in_part_is_no_worse_than_cold(changed, width, la
             assert scores[0] > scores[1] - 0.05, number
 
 
-@pytest.mark.parametrize(("width", "quality"), [(128, 23), (256, 18)])
-def test_the_first_frames_of_a_coded_pan_are_no_worse_than_cold(tmp_path, width, quality):
-    """They share their noise, so that a mean of them has hardly less, and lags."""
+def _all_softer(pictures, number):
+    return [_slowly_softer(picture, picture, 2 * number) for picture in pictures]
+
+
+def _panned(pictures, number):
+    return _aside(pictures, 2 * number)
+
+
+@pytest.mark.parametrize(
+    ("changed", "num_frames", "width", "quality", "noise"),
+    [
+        # the first frames share their noise, so that a mean of them has hardly less, and lags
+        (_panned, 4, 128, 23, None),
+        (_panned, 4, 256, 18, None),
+        # a picture is left as it was for some frames, and then drawn as it is
+        (_all_softer, 6, 128, 28, NOISE),
+    ],
+)
+def test_frames_that_a_codec_has_drawn_are_no_worse_than_cold(
+    tmp_path, changed, num_frames, width, quality, noise
+):
     scene = replace(SCENE, width=width, height=width * 3 // 4)
     still = scene.frame(0)
     pictures = [
         cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
         for picture in scene.render_all(0.0)
     ]
-    shown = [_aside(pictures, 2 * number) for number in range(4)]
+    shown = [changed(pictures, number) for number in range(num_frames)]
     films = [
-        list(coded(tmp_path / f"{place}.mkv", noisy(map(scene.observe, film)), quality))
+        list(coded(tmp_path / f"{place}.mkv", noisy(map(scene.observe, film), place), quality))
         for place, film in enumerate(zip(*shown, strict=True))
     ]
-    settings = [replace(_settings(kind), noise_sigma=None) for kind in ("warm", "cold")]
+    settings = [replace(_settings(kind), noise_sigma=noise) for kind in ("warm", "cold")]
     warm, cold = (Worker(one, targets=TARGETS) for one in settings)
-    for number, truth in enumerate(shown):
-        views = tuple(
-            replace(view, luma=film[number]) for view, film in zip(still.views, films, strict=True)
-        )
-        frame = replace(still, frame_index=number, views=views)
-        ours, other = warm.take(frame), cold.take(frame)
-        for target, place in zip(TARGETS, scene.reference_views, strict=True):
-            scores = [
-                psnr(one.images[target].luma, truth[place], border=8) for one in (ours, other)
-            ]
-            assert scores[0] > scores[1] - 0.05, number
-
-
-def test_what_a_codec_draws_anew_in_a_focus_pull_is_no_worse_than_cold(tmp_path):
-    """It leaves a picture as it was for some frames, and then draws it as it is."""
-    scene = replace(SCENE, width=128, height=96)
-    still = scene.frame(0)
-    pictures = [
-        cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
-        for picture in scene.render_all(0.0)
-    ]
-    shown = [
-        [cv2.GaussianBlur(picture, (0, 0), 0.5 + 0.1 * number) for picture in pictures]
-        for number in range(6)
-    ]
-    films = [
-        list(coded(tmp_path / f"{place}.mkv", noisy(map(scene.observe, film), seed=place), 28))
-        for place, film in enumerate(zip(*shown, strict=True))
-    ]
-    warm, cold = (Worker(_settings(kind), targets=TARGETS) for kind in ("warm", "cold"))
     for number, truth in enumerate(shown):
         views = tuple(
             replace(view, luma=film[number]) for view, film in zip(still.views, films, strict=True)
