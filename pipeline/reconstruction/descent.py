@@ -120,8 +120,8 @@ _renews, _looked, _turned = njit(**EXACT)(renews), njit(**EXACT)(looked), njit(*
 
 @njit(**OPTIONS)
 def descend(
-    rules, state, scale, strength, share, least, balance, rows_a_line, nothing, none_kept, taps_x,
-    taps_y, sharpening_x, sharpening_y, masses, units, local, estimate, direction, residual, swept,
+    rules, state, scale, strength, share, least, balance, rows_a_line, nothing, taps_x, taps_y,
+    sharpening_x, sharpening_y, masses, units, local, estimate, direction, residual, swept,
     prior, sums,
 ):  # fmt: skip
     """Descend from where the state says, all rows of an image at once; all is changed in place.
@@ -130,15 +130,16 @@ def descend(
     ----------
     rules, state
         See :func:`renews`, :func:`looked` and :func:`turned`.
-    nothing, none_kept : (0, 0) float32, (0, 0) uint16
-        What lies beyond the image, and what there is to explain beside ``residual``.
-    swept : (KH, KW) uint16
+    nothing : (0, 0) float32
+        What there is to explain beside ``residual``.
+    swept : (KH, KW), kept
         What the last sweep has written: the sharpened gradient, or the matrix times a direction.
 
     Others are those of :func:`sweeps.weigh_prior`, :func:`sweeps.look_and_sharpen` and
     :func:`sweeps.turn_and_apply`.
     """
-    height, beyond, of_kept = estimate.shape[0], (nothing, nothing), (none_kept, none_kept)
+    height, none, none_kept = estimate.shape[0], estimate[:0].copy(), swept[:0].copy()
+    beyond, of_kept = (none, none), (none_kept, none_kept)
     # typed: a literal has what it goes to compiled twice
     first, writes = np.int64(0), rules.size > 0
     of_two, of_three = (of_kept, of_kept), (beyond, of_kept, of_kept)

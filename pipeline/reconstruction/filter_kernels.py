@@ -11,7 +11,8 @@ from pipeline.reconstruction.simd import (
     LANES,
     PATCH,
     WIDE,
-    blur_wide,
+    blur_across,
+    blur_along,
     kinds_wide,
     weigh_patches,
 )
@@ -63,6 +64,10 @@ REACH = 4
 STRIP = 256
 """Columns that are told at once, about: rows of the tensor then stay in the first cache."""
 
+LEAD = WIDE
+"""Pixels before the first one of a line, which begins on one of the processor's cache, and behind
+its last sixteen."""
+
 BESIDE = REACH + 1
 """Columns on each side of a pixel that tell its kind."""
 
@@ -110,8 +115,8 @@ def _reflected(index, size):
 def _reflect(line, width):
     """Write the ``REACH`` pixels before and behind the ``width`` of a line."""
     for k in range(1, REACH + 1):
-        line[REACH - k] = line[REACH + _reflected(-k, width)]
-        line[REACH + width - 1 + k] = line[REACH + _reflected(width - 1 + k, width)]
+        line[LEAD - k] = line[LEAD + _reflected(-k, width)]
+        line[LEAD + width - 1 + k] = line[LEAD + _reflected(width - 1 + k, width)]
 
 
 @njit(**OPTIONS)
@@ -146,12 +151,12 @@ def classify(padded, side, first, width, height, lo, hi, window, views, tells_vi
     """
     strips = max(1, (width + STRIP // 2) // STRIP)
     widest = min(width, width // strips + WIDE + 2 * BESIDE)
-    length, lines = whole(widest + 2 * REACH + WIDE), 2 * REACH + 1
+    length, lines = LEAD + whole(widest) + LEAD, 2 * REACH + 2
     rooms = (
-        # the tensor's three numbers, rows smoothed along x; room for sixteens
+        # the tensor's three numbers: rows smoothed along x, their products, and two rows smoothed
         make_lines(3 * lines, length).reshape(3, lines, length),
         make_lines(3, length),
-        make_lines(3, length),
+        make_lines(2 * 3, length).reshape(2, 3, length),
         make_lines(1, length)[0],
         make_lines(1, length)[0],
     )
@@ -181,56 +186,58 @@ def _classify_rows(
     taps = window[0], window[1], window[2], window[3], window[4]
     next_row = max(0, lo - REACH)
     for y in range(lo, hi):
-        while next_row < min(height, y + REACH + 1):
-            v = next_row
-            _differ(
-                padded[_reflected(v - 1, height) - lo + HALO, side:],
-                padded[v - lo + HALO, side:],
-                padded[_reflected(v + 1, height) - lo + HALO, side:],
-                width, sums, steps, products,
-            )  # fmt: skip
-            for plane in range(3):
-                _reflect(products[plane], width)
-                first, to = plane * length, (plane * lines + v % lines) * length
-                for x in range(0, width, WIDE):
-                    at = first + x
-                    blur_wide(
-                        rows,
-                        (at + 4, at + 3, at + 5, at + 2, at + 6, at + 1, at + 7, at, at + 8),
-                        taps, flat, to + x,
-                    )  # fmt: skip
-            next_row += 1
-        a4, a3, a2, a1 = (
-            _reflected(y - 4, height) % lines * length, _reflected(y - 3, height) % lines * length,
-            _reflected(y - 2, height) % lines * length, _reflected(y - 1, height) % lines * length,
-        )  # fmt: skip
-        b4, b3, b2, b1 = (
-            _reflected(y + 4, height) % lines * length, _reflected(y + 3, height) % lines * length,
-            _reflected(y + 2, height) % lines * length, _reflected(y + 1, height) % lines * length,
-        )  # fmt: skip
-        for plane in range(3):
-            for x in range(0, width, WIDE):
-                at = plane * lines * length + x
-                blur_wide(
-                    flat,
-                    (
-                        at + y % lines * length, at + a1, at + b1, at + a2, at + b2, at + a3,
-                        at + b3, at + a4, at + b4,
-                    ),
-                    taps, tensor[plane], x,
+        # two rows at once: most of what they are smoothed from is the same
+        second = (y - lo) % 2
+        if second == 0:
+            while next_row < min(height, y + 1 + REACH + 1):
+                v = next_row
+                _differ(
+                    padded[_reflected(v - 1, height) - lo + HALO, side:],
+                    padded[v - lo + HALO, side:],
+                    padded[_reflected(v + 1, height) - lo + HALO, side:],
+                    width, sums, steps, products,
                 )  # fmt: skip
+                for plane in range(3):
+                    _reflect(products[plane], width)
+                    first, to = plane * length + LEAD, (plane * lines + v % lines) * length
+                    for x in range(0, width, WIDE):
+                        blur_along(rows, first + x, taps, flat, to + x)
+                next_row += 1
+            a4, a3, a2, a1, own, b1, b2, b3, b4, b5 = (
+                _reflected(y - 4, height) % lines * length,
+                _reflected(y - 3, height) % lines * length,
+                _reflected(y - 2, height) % lines * length,
+                _reflected(y - 1, height) % lines * length,
+                y % lines * length,
+                _reflected(y + 1, height) % lines * length,
+                _reflected(y + 2, height) % lines * length,
+                _reflected(y + 3, height) % lines * length,
+                _reflected(y + 4, height) % lines * length,
+                _reflected(y + 5, height) % lines * length,
+            )
+            for plane in range(3):
+                for x in range(0, width, WIDE):
+                    at = plane * lines * length + x
+                    blur_across(
+                        flat,
+                        (
+                            at + a4, at + a3, at + a2, at + a1, at + own, at + b1, at + b2,
+                            at + b3, at + b4, at + b5,
+                        ),
+                        taps, numbers, plane * length + x, 3 * length,
+                    )  # fmt: skip
         if tells_views:
             copy_row(views[y, before + left : before + right], steps)
-        line = kinds[y - lo, left:]
+        line, tensors = kinds[y - lo, left:], second * 3 * length + start
         for x in range(0, right - left, WIDE):
             if tells_views:
                 kinds_wide(
-                    numbers, start + x, length, steps, TANGENTS, _ENERGIES, _RATIOS, _LOADS, _TINY,
-                    _FACTORS_OF_VIEWS, line, x,
+                    numbers, tensors + x, length, steps, TANGENTS, _ENERGIES, _RATIOS, _LOADS,
+                    _TINY, _FACTORS_OF_VIEWS, line, x,
                 )  # fmt: skip
             else:
                 kinds_wide(
-                    numbers, start + x, length, steps, TANGENTS, _ENERGIES, _RATIOS, (), _TINY,
+                    numbers, tensors + x, length, steps, TANGENTS, _ENERGIES, _RATIOS, (), _TINY,
                     _FACTORS, line, x,
                 )  # fmt: skip
 
@@ -243,19 +250,19 @@ def _differ(above, own, below, width, sums, steps, products):
     ----------
     above, own, below : (≥ W,) float32
     sums, steps, products : float32
-        Rows with ``REACH`` more pixels on each side, the first two to work in.
+        Rows with ``LEAD`` more pixels on each side, the first two to work in.
     """
     two, eighth = np.float32(2.0), np.float32(0.125)
-    inner, steps_inner = sums[REACH:], steps[REACH:]
+    inner, steps_inner = sums[LEAD:], steps[LEAD:]
     for x in range(width):
         inner[x] = above[x] + two * own[x] + below[x]
     for x in range(width):
         steps_inner[x] = below[x] - above[x]
     _reflect(sums, width)
     _reflect(steps, width)
-    before, after = sums[REACH - 1 :], sums[REACH + 1 :]
-    left, right = steps[REACH - 1 :], steps[REACH + 1 :]
-    xx, xy, yy = products[0, REACH:], products[1, REACH:], products[2, REACH:]
+    before, after = sums[LEAD - 1 :], sums[LEAD + 1 :]
+    left, right = steps[LEAD - 1 :], steps[LEAD + 1 :]
+    xx, xy, yy = products[0, LEAD:], products[1, LEAD:], products[2, LEAD:]
     for x in range(width):
         across = eighth * (after[x] - before[x])
         down = eighth * (left[x] + two * steps_inner[x] + right[x])
@@ -277,8 +284,8 @@ def apply(padded, kinds, first, taps, share, out):
         Of :func:`classify`; any kinds behind the last pixel.
     first : int
         Of the pixels written, in each row.
-    taps : (kinds, PATCH · LANES) float32
-        In rows of LANES, the last lane zero.
+    taps : (kinds, FOLDED · LANES) float32
+        See :func:`simd.weigh_patches`.
     share : float32
     out : (H, ≤ W) float32
         Overwritten.

@@ -71,7 +71,7 @@ def sample_row(work, strip, y, height, width, masses, unit):
         ``OWN`` and ``BETWEEN``.
     strip : (NUM_STRIP_LINES · STRIP_PITCH,) float32
         To work in.
-    masses : (4, whole(KW)) uint16
+    masses : (4, whole(KW)) uint8 or uint16
         Weights of row y, zero behind the last pixel.
     unit : float32
         What one of them is worth.

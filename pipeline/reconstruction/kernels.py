@@ -26,8 +26,8 @@ from pipeline.reconstruction.tables import floats_at, points_at
 SMALLEST_WEIGHT = 0.01
 """Observations of no more weight are not worth their time."""
 
-LARGEST_UNIT = 65535.0
-"""Masses are kept as 16-bit shares of the largest one in their row."""
+MOST = (255.0, 65535.0)
+"""Masses are kept as shares of the largest one in their row, of one byte or of two: this is all."""
 
 KEPT = 2
 """HR rows of sums that one tile hands on to the next."""
@@ -119,7 +119,7 @@ def gather_band(
         Rows whose sums are kept at once.
     height, width : int
         KH, KW.
-    masses : (KH, 4, whole(KW)) uint16
+    masses : (KH, 4, whole(KW)) uint8 or uint16
         Weight at each place of the half-pixel lattice; zero behind the last pixel. These rows are
         overwritten.
     units : (KH,) float32
@@ -301,13 +301,14 @@ def _spread_sums(sums, values, top, lo, hi, masses, units, rhs):
     """Write rows ``lo`` to ``hi`` of what has been gathered from HR row ``top`` on."""
     width = rhs.shape[1]
     of_bits, bits = sums.view(np.int32), np.empty(1, np.int32)
+    most = np.float32(MOST[masses.itemsize - 1])
     for y in range(lo, hi):
         row = y - top
         # no weight is negative: their bits are in their order, and many are compared at once
         bits[0] = max(_largest(of_bits[2 * row]), _largest(of_bits[2 * row + 1]))
         largest = bits.view(np.float32)[0]
-        units[y] = largest / np.float32(LARGEST_UNIT)
-        inverse = np.float32(LARGEST_UNIT) / largest if largest > 0 else np.float32(0.0)
+        units[y] = largest / most
+        inverse = most / largest if largest > 0 else np.float32(0.0)
         for number in range(0, LATTICE, 2):
             line = sums[2 * row + number // 2]
             _round(line, inverse, masses[y, number, :width], masses[y, number + 1, :width])
@@ -327,8 +328,9 @@ def _round(row, factor, even, odd):
     """Write a row's multiples, rounded: every other one, and those between."""
     half = np.float32(0.5)
     for x in range(even.size):
-        even[x] = np.uint16(np.int32(row[2 * x] * factor + half))
-        odd[x] = np.uint16(np.int32(row[2 * x + 1] * factor + half))
+        # cut to as many bits as are kept
+        even[x] = np.int32(row[2 * x] * factor + half)
+        odd[x] = np.int32(row[2 * x + 1] * factor + half)
 
 
 @njit(**LEAN)

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from pipeline.frames import GreyImage
 from pipeline.reconstruction import filter_kernels
 from pipeline.reconstruction.filter_kernels import ANGLES, COHERENCES, LOADS, STRENGTHS
-from pipeline.reconstruction.simd import LANES, PATCH, WIDE
+from pipeline.reconstruction.simd import FOLDED, LANES, PATCH, WIDE
 from pipeline.reconstruction.system import on_lines
 from pipeline.threads import map_threads
 
@@ -67,7 +67,10 @@ class FilterBank:
 
     @functools.cached_property
     def kernels(self) -> npt.NDArray[np.float32]:
-        """(4 · classes, 56): whole filters, for each of the four mirrorings of a class."""
+        """(4 · classes, FOLDED · LANES): down to the middle row, for each of the four mirrorings.
+
+        What lies opposite each other has the same tap.
+        """
         half = self.taps
         rest = -2 * half.sum(axis=1, keepdims=True)
         whole = np.concatenate((half, rest, half[:, ::-1]), axis=1).reshape(-1, PATCH, PATCH)
@@ -75,11 +78,11 @@ class FilterBank:
             whole, whole.transpose(0, 2, 1), whole[:, :, ::-1],
             whole[:, :, ::-1].transpose(0, 2, 1),
         )  # fmt: skip
-        padded = on_lines((4, len(half), PATCH, LANES), np.float32)
-        padded[..., PATCH:] = 0
+        folded = on_lines((4, len(half), FOLDED, LANES), np.float32)
+        folded[..., PATCH:] = 0
         for number, kernels in enumerate(mirrored):
-            padded[number, :, :, :PATCH] = kernels
-        return padded.reshape(4 * len(half), PATCH * LANES)
+            folded[number, :, :, :PATCH] = kernels[:, :FOLDED]
+        return folded.reshape(4 * len(half), FOLDED * LANES)
 
     def apply(
         self,

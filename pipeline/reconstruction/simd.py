@@ -26,6 +26,9 @@ TOGETHER = 128
 PATCH = 7
 """Side of the patches of :func:`weigh_patches` and :func:`weigh_eight`, pixels."""
 
+FOLDED = PATCH // 2 + 1
+"""Rows of those, where the ones that lie opposite each other are one."""
+
 _WORD = ir.IntType(32)
 
 
@@ -347,7 +350,7 @@ def weigh_wide(
         Of the first sample at the row, and of that half-way to the next one.
     middle, side, half : float32
         The taps.
-    masses : uint16 array
+    masses : uint8 or uint16 array
     at, plane : intp
         Of the first pixel's weight at the first place of the lattice; from place to place.
     to, pitch : intp
@@ -366,7 +369,8 @@ def weigh_wide(
             left, centre, right = (wide.load(data, row, dx) for dx in (-1, 0, 1))
             here = wide.add(wide.times(wide.add(left, right), side), wide.times(centre, middle))
             for sample in (here, wide.times(wide.add(centre, right), half)):
-                wide.store(wide.times(sample, wide.load_shorts(weights, at)), data, to)
+                weight = wide.load_counts(weights, at, signature.args[6].dtype)
+                wide.store(wide.times(sample, weight), data, to)
                 at, to = builder.add(at, plane), builder.add(to, pitch)
         return context.get_dummy_value()
 
@@ -699,7 +703,7 @@ def pull_wide(
 
     Parameters
     ----------
-    weights : uint16 array
+    weights : uint8 or uint16 array
         Of ``sweeps.weigh_prior``.
     at, plane, pitch : intp
         Of the first pixel in plane 0; from plane to plane; from row to row.
@@ -734,7 +738,7 @@ def pull_wide(
             for where, shift, start, sign in (
                 (own, 0, below if down else row, 1), (back, -dx, above if down else row, -1),
             ):  # fmt: skip
-                weight = wide.load_shorts(planes, where, shift)
+                weight = wide.load_counts(planes, where, signature.args[0].dtype, shift)
                 away = wide.subtract(centre, wide.load(pixels, start, sign * dx))
                 pulls[kind] = wide.add(pulls[kind], wide.times(weight, away))
                 sums[kind] = wide.add(sums[kind], weight)
@@ -771,14 +775,15 @@ def bend_wide(typing_context, weights, at, plane, image, row, down, out, to):
         )
         first, plane = arguments[1:3]
         row, below, to = arguments[4], arguments[5], arguments[7]
+        kind = signature.args[0].dtype
         centre = wide.load(pixels, row)
         sums = [wide.zeros, wide.zeros]
         for number, down, dx in _NEIGHBOURS:
-            kind = number % 2
+            which = number % 2
             where = builder.add(first, builder.mul(plane, ir.Constant(plane.type, number)))
             away = wide.subtract(centre, wide.load(pixels, below if down else row, dx))
-            square = wide.times(wide.times(away, away), wide.load_shorts(planes, where))
-            sums[kind] = wide.add(sums[kind], square)
+            square = wide.times(wide.times(away, away), wide.load_counts(planes, where, kind))
+            sums[which] = wide.add(sums[which], square)
         half = wide.halves
         wide.store(wide.add(sums[0], wide.times(sums[1], half)), result, to)
         return context.get_dummy_value()
@@ -862,13 +867,13 @@ def shares_wide(typing_context, sums, at, pitch, square, least, floor, strengths
 
 @intrinsic
 def round_wide(typing_context, sums, at, out, to):
-    """Write sixteen sums of numbers, weighted 1 2 1 along the row, rounded to 16 bits.
+    """Write sixteen sums of numbers, weighted 1 2 1 along the row, rounded.
 
     Parameters
     ----------
     sums, at : float32 array, intp
         Of the first of sixteen numbers and two more.
-    out, to : uint16 array, intp
+    out, to : uint8 or uint16 array, intp
     """
     signature = types.void(sums, types.intp, out, types.intp)
 
@@ -877,9 +882,7 @@ def round_wide(typing_context, sums, at, out, to):
         values, result = (_data(context, builder, signature, arguments, n) for n in (0, 2))
         first, middle, last = (wide.load(values, arguments[1], dx) for dx in range(3))
         total = wide.add(wide.add(first, wide.times(wide.constant(2.0), middle)), last)
-        whole = builder.fptosi(wide.add(total, wide.halves), wide.words)
-        where = wide.place(result, arguments[3], kind=wide.shorts)
-        builder.store(builder.trunc(whole, wide.shorts), where, align=2)
+        wide.keep_counts(total, result, arguments[3], signature.args[2].dtype)
         return context.get_dummy_value()
 
     return signature, generate
@@ -987,7 +990,10 @@ def _add_up(eight, totals):
 
 @intrinsic
 def weigh_patches(typing_context, image, at, pitch, taps, kinds, first, out):
-    """Write the sums of the pixels of eight patches side each other, each times its tap.
+    """Write the sums of the pixels of eight patches side by side, each times its tap.
+
+    What lies opposite each other has the same tap: what is below the middle row is added to what is
+    above it, turned about.
 
     Parameters
     ----------
@@ -995,7 +1001,7 @@ def weigh_patches(typing_context, image, at, pitch, taps, kinds, first, out):
     at, pitch : intp
         Of the first patch's first pixel; from row to row.
     taps : float32 array
-        For each kind PATCH rows of LANES, the last lane zero.
+        For each kind ``FOLDED`` rows of LANES, the last one of the middle row; the last lane zero.
     kinds : int16 array
         Of the patches.
     first : intp
@@ -1010,16 +1016,27 @@ def weigh_patches(typing_context, image, at, pitch, taps, kinds, first, out):
             _data(context, builder, signature, arguments, n) for n in (0, 3, 4, 6)
         )
         at, pitch, first = arguments[1], arguments[2], arguments[5]
+        lines = [at]
+        for _ in range(1, PATCH):
+            lines.append(builder.add(lines[-1], pitch))
+        below = [
+            [eight.load(pixels, line, LANES * half) for half in range(2)]
+            for line in lines[: FOLDED - 1 : -1]
+        ]
         totals = []
         for lane in range(LANES):
             where = builder.add(first, ir.Constant(first.type, lane))
             kind = builder.sext(builder.load(builder.gep(numbers, [where])), first.type)
-            tap = builder.mul(kind, ir.Constant(first.type, PATCH * LANES))
-            line, total = at, eight.zeros
-            for row in range(PATCH):
+            tap = builder.mul(kind, ir.Constant(first.type, FOLDED * LANES))
+            total = eight.zeros
+            turned = [lane + PATCH - 1 - n for n in range(PATCH)] + [lane + PATCH]
+            for row in range(FOLDED):
+                found = eight.load(pixels, lines[row], lane)
+                if row < len(below):
+                    left, right = below[row]
+                    found = eight.add(found, eight.choose(left, right, turned))
                 taps_of_row = eight.load(weights, tap, LANES * row)
-                total = eight.add(total, eight.times(eight.load(pixels, line, lane), taps_of_row))
-                line = builder.add(line, pitch)
+                total = eight.add(total, eight.times(found, taps_of_row))
             totals.append(total)
         eight.store(_add_up(eight, totals), result, first)
         return context.get_dummy_value()

@@ -99,7 +99,7 @@ def turn_and_apply(
         Their rows before ``lo`` and from ``hi`` on, see ``system.rows_beyond``.
     taps_x, taps_y : float32
         Half taps of B.
-    masses : (KH, 4, whole(KW)) uint16
+    masses : (KH, 4, whole(KW)) uint8 or uint16
         Weight of what was observed at each place of the half-pixel lattice, zero behind the last
         pixel.
     units : (KH,) float32
@@ -270,7 +270,7 @@ def look_and_sharpen(
     Parameters
     ----------
     step : float
-        Zero: x is as it was.
+        Zero: x is as it was, nothing is read of p, and its product is zero.
     estimate : (KH, KW) float32
     direction, residual, applied : (KH, KW), kept
         x, the direction p, the residual, and Bᵀ M B p.
@@ -371,9 +371,11 @@ def _look_and_sharpen(
                         gradient, softness, u % lines * size + x,
                     )  # fmt: skip
                 if lo <= u < hi:
-                    along = two[0, :width]
-                    _keep_row(direction[u], along)
-                    sums[1, u] = dot_row(row[:width], along)
+                    sums[1, u] = 0.0
+                    if s != 0:
+                        along = two[0, :width]
+                        _keep_row(direction[u], along)
+                        sums[1, u] = dot_row(row[:width], along)
                 _times(row[:width], balance[own], own_room)
                 blur_room(room, width, taps_x, blurred[u % lines])
                 next_row += 1
@@ -560,7 +562,10 @@ def _square(first, second, out):
 
 @njit(**OPTIONS)
 def advance(step, direction, more, towards, level, lo, hi, estimate, out):
-    """Write rows of the estimate + step · direction + more · towards + level."""
+    """Write rows of the estimate + step · direction + more · towards + level.
+
+    Nothing is read of what is taken no times.
+    """
     room = make_lines(2, whole(estimate.shape[1]))
     _advance(step, direction, more, towards, level, lo, hi, estimate, out, room)
 
@@ -569,16 +574,15 @@ def advance(step, direction, more, towards, level, lo, hi, estimate, out):
 def _advance(step, direction, more, towards, level, lo, hi, estimate, out, room):
     s, t, base, width = np.float32(step), np.float32(more), np.float32(level), estimate.shape[1]
     along, beside = room[0, :width], room[1, :width]
+    along[:], beside[:] = 0, 0
     for y in range(lo, hi):
         image, result = estimate[y], out[y]
-        _keep_row(direction[y], along)
-        if t == 0:
-            for x in range(width):
-                result[x] = image[x] + (s * along[x] + base)
-        else:
+        if s != 0:
+            _keep_row(direction[y], along)
+        if t != 0:
             _keep_row(towards[y], beside)
-            for x in range(width):
-                result[x] = image[x] + (s * along[x] + t * beside[x] + base)
+        for x in range(width):
+            result[x] = image[x] + (s * along[x] + t * beside[x] + base)
 
 
 @njit(**OPTIONS)

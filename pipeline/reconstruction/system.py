@@ -72,6 +72,9 @@ ON_ITSELF = tuple(map(np.float32, (1, 0, 1, 0)))
 KeptImage = npt.NDArray[np.float32 | np.uint16]
 """(K·H, K·W) float32, or uint16: the bits of float16."""
 
+Counts = npt.NDArray[np.uint8 | np.uint16]
+"""Weights, in units of their own."""
+
 NOTHING: HrImage = np.empty((0, 0), np.float32)
 
 
@@ -165,9 +168,10 @@ class NormalEquations:
         by how much is observed around each pixel; default: by the PSF as it is, the same
         everywhere.
     short : bool
-        Whether what is left to do, and what is done about it, is kept in sixteen bits a number:
-        half of it crosses memory. Good to a few thousandths of what there was to do at first, which
-        is enough for a descent that ends at a hundredth.
+        Whether what is left to do, and what is done about it, is kept in sixteen bits a number,
+        and the weight of what is observed in eight, relative to the largest one in its row, in
+        place of 32 and 16: half of it crosses memory. Good to a hundredth of what is changed, which
+        is less than what is left to change where a descent ends.
     """
 
     def __init__(
@@ -190,7 +194,9 @@ class NormalEquations:
         self._along, self._sharpening = _halves(taps), _low_passes(sharpening, gain)
         height, width = shape
         self._origin: HrImage | None = None
-        self._masses = on_lines((height, kernels.LATTICE, whole(width)), np.uint16)
+        self._masses: Counts = on_lines(
+            (height, kernels.LATTICE, whole(width)), np.uint8 if short else np.uint16
+        )
         self._masses[:, :, width:] = 0  # what lies behind a row stays zero
         self._units = np.empty(height, np.float32)
         self._rhs = np.empty(shape, np.float32)
@@ -209,8 +215,7 @@ class NormalEquations:
     ) -> None:
         """Take observations in place of all before: (x, y, value, weight) of each view.
 
-        All are (H, W) float32, x and y in HR pixels. W is kept in 16 bits a weight, relative to
-        the largest one in its row.
+        All are (H, W) float32, x and y in HR pixels.
 
         Parameters
         ----------
@@ -329,7 +334,6 @@ class NormalEquations:
         image, residual, direction, swept = self._rooms()
         balance = self._balance()
         np.subtract(estimate, self._level, out=image)
-        direction[:] = 0
         prior = self._room_for_weights()
         unit = _unit(strength, scale)
         self._write_residual(estimate, image, prior, residual)
@@ -342,9 +346,9 @@ class NormalEquations:
         is_one_call = len(self._bands) == 1 and math.prod(self.shape) <= AT_ONCE
         if is_one_call and not is_stopped():
             descent.descend(
-                rules, state, scale, unit, PRIOR_SHARE, data_share, *balance, NOTHING,
-                np.empty((0, 0), self._kept_in), *self._along, *self._sharpening, self._masses,
-                self._units, self._local, image, direction, residual, swept, prior, self._sums,
+                rules, state, scale, unit, PRIOR_SHARE, data_share, *balance, NOTHING, *self._along,
+                *self._sharpening, self._masses, self._units, self._local, image, direction,
+                residual, swept, prior, self._sums,
             )  # fmt: skip
         while not is_one_call and state[descent.DONE] < steps and not is_stopped():
             renewed = descent.renews(rules, state)

@@ -788,7 +788,7 @@ def test_what_is_observed_beyond_a_prediction_leads_where_the_whole_does():
 
 
 @pytest.mark.parametrize("gain", [None, 20.0])
-def test_numbers_of_sixteen_bits_lead_where_others_do(gain):
+def test_numbers_of_few_bits_lead_where_others_do(gain):
     shape, start = (45, 83), _image((45, 83), seed=3)
     seen = _observations(shape, (20, 40))
     exact, short = (
@@ -798,7 +798,7 @@ def test_numbers_of_sixteen_bits_lead_where_others_do(gain):
         expected = exact.descend(start, 5.0, 0.3, steps)
         found = short.descend(start, 5.0, 0.3, steps)
         away = np.linalg.norm(found - expected) / np.linalg.norm(expected - start)
-        assert 0 < away < 5e-3, steps
+        assert 0 < away < 1e-2, steps
     assert np.isfinite(short.descend(1e3 * start, 5.0, 0.3, 2)).all(), "beyond their range"
 
 
