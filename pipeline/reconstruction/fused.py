@@ -95,7 +95,7 @@ SMALLEST_SIGMA = 0.5
 class FusedTuning:
     """The constants of the solver, measured on the sample and on real scenes."""
 
-    prior_strength: float = 0.19
+    prior_strength: float = 0.185
     """λ at noise 1 and σ_psf 1, where a picture is flat."""
     prior_noise_powers: tuple[float, float] = (1.92, 1.6)
     """λ grows with the noise to the first power below noise 1, to the second above …"""

@@ -11,15 +11,14 @@ import numpy as np
 from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
-from pipeline.reconstruction.half_pixels import LATTICE
-from pipeline.reconstruction.rows import copy_row, make_lines
+from pipeline.reconstruction.rows import LINE, copy_row, make_lines, whole
 from pipeline.reconstruction.simd import (
     LANES,
     TOGETHER,
     WIDE,
-    add_observations,
+    gather_wide,
+    part_wide,
     sample_eight,
-    share_wide,
 )
 from pipeline.reconstruction.tables import floats_at, points_at
 
@@ -32,9 +31,6 @@ MOST = (255.0, 65535.0)
 KEPT = 2
 """HR rows of sums that one tile hands on to the next."""
 
-MARGIN = 4
-"""Numbers of b kept beside the pixels of a row while it is gathered: one before the first."""
-
 LANDED = 16
 """LR rows whose points are worked out before there is sampled: they stay in the second cache."""
 
@@ -46,7 +42,7 @@ there, grey levels, and its weight; one up to ``SMALLEST_WEIGHT`` leaves the pix
 
 @njit(**LEAN)
 def landing_rows(observations, starts, lo, hi, height, landing):
-    """Write the first and the last HR row on which pixels of each stretch of an LR row land.
+    """Write the first and the last HR row on which pixels of each LR row land, and its stretches'.
 
     Parameters
     ----------
@@ -58,8 +54,9 @@ def landing_rows(observations, starts, lo, hi, height, landing):
         Observations that are looked at, half-open.
     height : int
         KH.
-    landing : (2, ≥ Σ H · ⌈W / TOGETHER⌉) int32
-        Overwritten; first > last where none lands inside.
+    landing : (2, ≥ Σ H · (1 + ⌈W / TOGETHER⌉)) int32
+        Of each row, then of each of its stretches; overwritten. First > last where none lands
+        inside.
     """
     smallest, half, nothing = np.float32(SMALLEST_WEIGHT), np.float32(0.5), np.float32(0.0)
     below, top = np.float32(height) - half, np.int32(height)
@@ -68,6 +65,8 @@ def landing_rows(observations, starts, lo, hi, height, landing):
         weight = floats_at(observations, number, WEIGHT)
         at = starts[number]
         for row in range(weight.shape[0]):
+            of_row, lowest, highest = at, top, np.int32(-1)
+            at += 1
             for start in range(0, weight.shape[1], TOGETHER):
                 points = position_y[row, start : start + TOGETHER]
                 weights = weight[row, start : start + TOGETHER]
@@ -79,7 +78,9 @@ def landing_rows(observations, starts, lo, hi, height, landing):
                     low = min(low, nearest if is_in else top)
                     high = max(high, nearest if is_in else np.int32(-1))
                 landing[0, at], landing[1, at] = low, high
+                lowest, highest = min(lowest, low), max(highest, high)
                 at += 1
+            landing[0, of_row], landing[1, of_row] = lowest, highest
 
 
 @njit(**LEAN)
@@ -98,9 +99,8 @@ def gather_band(
 ):  # fmt: skip
     """Gather what lands on some HR rows, and write it as the sweeps read it.
 
-    Each observation is a quadratic B-spline sample of the blurred estimate: nine taps s around
-    the nearest HR pixel, and adds w·s·y to b. Its weight is shared by the four places of the
-    half-pixel lattice around it, linearly.
+    Each observation, its weight w and w·y, is shared by the four places of the half-pixel lattice
+    around it, linearly. b is what has come to these times the samples there: quadratic B-splines.
 
     Parameters
     ----------
@@ -127,70 +127,61 @@ def gather_band(
     rhs : (KH, KW) float32
         b.
     """
-    rows = tile + KEPT
-    sums = np.zeros((2 * rows, 2 * width), np.float32)
-    values = np.zeros((rows, width + MARGIN), np.float32)
-    rooms = (
-        np.empty(TOGETHER, np.int32), np.empty(TOGETHER, np.int32),
-        make_lines(1, 4 * TOGETHER)[0], make_lines(1, 4 * TOGETHER)[0],
-        make_lines(1, 4 * TOGETHER)[0], make_lines(4, TOGETHER),
-    )  # fmt: skip
-    line = np.zeros(width + MARGIN, np.float32)
+    sums = make_lines(2 * (tile + KEPT), 4 * whole(width) + LINE)
+    places, rest = np.empty(WIDE, np.int32), make_lines(4, TOGETHER)
+    lines = make_lines(2, whole(width) + 2 * LINE)
     done, kept = first, np.int64(KEPT)  # typed: a literal has what it goes to compiled twice
     for lo in range(first - 1, end + 1, tile):
         hi = min(lo + tile, end + 1)
         for number in range(observations.shape[0]):
             if number == regular:
-                _gather_regular(
-                    floats_at(observations, number, VALUE), grid, level, lo, hi, height, width,
-                    sums, values, line,
-                )  # fmt: skip
+                _gather_regular(floats_at(observations, number, VALUE), grid, level, lo, hi, sums)
                 continue
             _gather(
                 observations, number, starts[number], landing, level, lo, hi, height, width, sums,
-                values, rooms,
+                places, rest,
             )  # fmt: skip
         # what lands on later rows adds nothing to these
-        whole = max(hi - 1, done)
-        _spread_sums(sums, values, lo - 1, done, whole, masses, units, rhs)
+        end_of_whole = max(hi - 1, done)
+        _spread_sums(sums, lo - kept, done, end_of_whole, masses, units, rhs, lines)
         _pass_on(sums, 2 * (hi - lo + kept), 2 * kept)
-        _pass_on(values, hi - lo + kept, kept)
-        done = whole
+        done = end_of_whole
 
 
 @njit(**LEAN)
 def _gather(
-    observations, number, stretch, landing, level, lo, hi, height, width, sums, values, rooms
+    observations, number, first, landing, level, lo, hi, height, width, sums, places, rest
 ):  # fmt: skip
     """Add one view's observations that are nearest to HR rows ``lo`` to ``hi``, in place.
 
     Parameters
     ----------
-    stretch : int
-        The first one of the view.
-    sums : (2 rows, 2·KW) float32
-        Of weights, on the half-pixel lattice of the at least hi − lo + KEPT rows from ``lo`` − 1.
-    values : (rows, KW + MARGIN) float32
-        b of these rows.
-    rooms
-        What :func:`simd.share_wide` writes, and a copy of a stretch.
+    first : int
+        Where the view begins in ``landing``.
+    sums : (2 rows, 4·whole(KW)) float32
+        Of weights and of what is observed times them, by turns, on the half-pixel lattice of the
+        hi − lo + KEPT rows from ``lo`` − KEPT.
+    places, rest
+        Room for :func:`simd.gather_wide`, and for a copy of a stretch.
     """
-    to_weights, to_values, along, of_rows, shares, rest = rooms
+    pitch = sums.shape[1]
     limits = (
         np.float32(level), np.float32(SMALLEST_WEIGHT), np.float32(width - 1),
         np.float32(height - 1), np.float32(max(lo, 0)), np.float32(min(hi, height) - 1),
-        np.float32(lo - 1), np.float32(width + MARGIN), np.float32(2 * (lo - 1)),
-        np.float32(2 * width),
+        np.float32(2 * (lo - KEPT)), np.float32(pitch // 2),
     )  # fmt: skip
     position_x, position_y = floats_at(observations, number, X), floats_at(observations, number, Y)
     observed = floats_at(observations, number, VALUE)
     weight = floats_at(observations, number, WEIGHT)
-    flat, flat_values = sums.reshape(-1), values.reshape(-1)
+    flat = sums.reshape(-1)
+    each = 1 + (observed.shape[1] + TOGETHER - 1) // TOGETHER
     for row in range(observed.shape[0]):
+        at = first + row * each
+        if landing[1, at] < lo or landing[0, at] >= hi:
+            continue
         for start in range(0, observed.shape[1], TOGETHER):
-            nearest, farthest = landing[0, stretch], landing[1, stretch]
-            stretch += 1
-            if farthest < lo or nearest >= hi:
+            at += 1
+            if landing[1, at] < lo or landing[0, at] >= hi:
                 continue
             size = min(TOGETHER, observed.shape[1] - start)
             end = start + size
@@ -207,17 +198,11 @@ def _gather(
                 rest[3, size:] = 0
                 x, y, grey, mass = rest[0], rest[1], rest[2], rest[3]
             for k in range(0, size, WIDE):
-                share_wide(
-                    x, y, grey, mass, k, limits, to_weights, to_values, along, of_rows, shares
-                )  # fmt: skip
-            add_observations(
-                flat, to_weights, 2 * width, flat_values, to_values, width + MARGIN, along, of_rows,
-                shares, (size + WIDE - 1) // WIDE,
-            )  # fmt: skip
+                gather_wide(x, y, grey, mass, k, limits, places, flat, pitch)
 
 
 @njit(**LEAN)
-def _gather_regular(observed, grid, level, lo, hi, height, width, sums, values, line):
+def _gather_regular(observed, grid, level, lo, hi, sums):
     """Do what :func:`_gather` does where pixels lie as on the LR grid, and all count one.
 
     Parameters
@@ -226,119 +211,89 @@ def _gather_regular(observed, grid, level, lo, hi, height, width, sums, values, 
         Grey levels.
     grid
         See :func:`gather_band`.
-    line : (KW + MARGIN,) float32
-        Zeros behind the last pixel; what lies before is overwritten.
     """
     magnification_x, offset_x, magnification_y, offset_y = grid
-    half = np.float32(0.5)
-    step, first = np.int64(magnification_x), np.int64(offset_x + half)
-    taps = _spline(offset_x - np.float32(first))
+    step = 4 * np.int64(magnification_x)
     column = np.int64(offset_x + offset_x)
     right = offset_x + offset_x - np.float32(column)
     for row in range(observed.shape[0]):
         y = magnification_y * np.float32(row) + offset_y
-        nearest = np.int64(y + half)
+        nearest = np.int64(y + np.float32(0.5))
         if nearest < lo or nearest >= hi:
             continue
-        _spread_along(observed[row], level, taps, step, first, line)
-        # beyond the border lies what is there, reflected about the edge
-        line[1] += line[0]
-        line[width] += line[width + 1]
-        of_rows = _spline(y - np.float32(nearest))
-        for number in range(3):
-            beside = min(max(nearest - 1 + number, 0), height - 1) - (lo - 1)
-            _add_times(line[1 : 1 + width], of_rows[number], values[beside, 1 : 1 + width])
         place = np.int64(y + y)
-        under, upper = y + y - np.float32(place), place - 2 * (lo - 1)
-        _add_every(sums[upper, column:], 2 * step, observed.shape[1], right, np.float32(1) - under)
+        under, upper = y + y - np.float32(place), place - 2 * (lo - KEPT)
+        rest = np.float32(1) - under
+        _add_every(observed[row], level, sums[upper, 2 * column :], step, right, rest)
         if under > 0:
-            _add_every(sums[upper + 1, column:], 2 * step, observed.shape[1], right, under)
+            _add_every(observed[row], level, sums[upper + 1, 2 * column :], step, right, under)
 
 
 @njit(**LEAN)
-def _spread_along(row, level, taps, step, first, line):
-    """Write what a row's pixels add along x, a step apart, the nearest of the first being there."""
-    before, own, behind = taps
-    size = row.size
-    line[: first + 3] = 0
-    if step == 2:
-        line[first] = before * (row[0] - level)
-        line[first + 1] = own * (row[0] - level)
-        out = line[first + 2 :]
-        for x in range(size - 1):
-            # a literal step: many are written at once
-            out[2 * x] = before * (row[x + 1] - level) + behind * (row[x] - level)
-            out[2 * x + 1] = own * (row[x + 1] - level)
-        line[first + 2 * size] = behind * (row[size - 1] - level)
-        return
-    line[:] = 0
-    for x in range(size):
-        value, place = row[x] - level, first + step * x
-        line[place] += before * value
-        line[place + 1] += own * value
-        line[place + 2] += behind * value
-
-
-@njit(**LEAN)
-def _add_times(row, factor, out):
-    for x in range(out.size):
-        out[x] += factor * row[x]
-
-
-@njit(**LEAN)
-def _add_every(row, step, count, right, weight):
-    """Add a weight at so many places a step apart, a share of it at the ones right of them."""
+def _add_every(observed, level, out, step, right, weight):
+    """Add a weight and a row's pixels times it to sums a step apart, a share right of them."""
     left, rest = weight * (np.float32(1) - right), weight * right
-    for number in range(count):
-        row[number * step] += left
+    for x in range(observed.size):
+        out[step * x] += left
+        out[step * x + 1] += left * (observed[x] - level)
     if right > 0:
-        for number in range(count):
-            row[number * step + 1] += rest
+        for x in range(observed.size):
+            out[step * x + 2] += rest
+            out[step * x + 3] += rest * (observed[x] - level)
 
 
 @njit(**OPTIONS)
-def _spread_sums(sums, values, top, lo, hi, masses, units, rhs):
+def _spread_sums(sums, top, lo, hi, masses, units, rhs, lines):
     """Write rows ``lo`` to ``hi`` of what has been gathered from HR row ``top`` on."""
-    width = rhs.shape[1]
-    of_bits, bits = sums.view(np.int32), np.empty(1, np.int32)
+    height, width = rhs.shape
+    of_bits, bits = sums.view(np.uint64), np.empty(1, np.uint32)
+    half, eighth = np.float32(0.5), np.float32(0.125)
+    flat, size = sums.reshape(-1), whole(width)
+    even, odd = lines[0], lines[1]
     most = np.float32(MOST[masses.itemsize - 1])
     for y in range(lo, hi):
-        row = y - top
+        row = 2 * (y - top)
         # no weight is negative: their bits are in their order, and many are compared at once
-        bits[0] = max(_largest(of_bits[2 * row]), _largest(of_bits[2 * row + 1]))
+        bits[0] = max(_largest(of_bits[row]), _largest(of_bits[row + 1]))
         largest = bits.view(np.float32)[0]
         units[y] = largest / most
         inverse = most / largest if largest > 0 else np.float32(0.0)
-        for number in range(0, LATTICE, 2):
-            line = sums[2 * row + number // 2]
-            _round(line, inverse, masses[y, number, :width], masses[y, number + 1, :width])
-        copy_row(values[row, 1 : 1 + width], rhs[y])
+        # beyond the border lies what is there, reflected about the edge
+        own = np.float32(0.75)
+        if y == 0:
+            own += eighth
+        if y == height - 1:
+            own += eighth
+        for x in range(0, size, WIDE):
+            part_wide(
+                flat, row * sums.shape[1] + 4 * x, sums.shape[1], own, inverse,
+                masses[y].reshape(-1), x, size, even, odd, LINE + x,
+            )  # fmt: skip
+        even[LINE - 1], even[LINE + width] = even[LINE], even[LINE + width - 1]
+        line = rhs[y]
+        for x in range(width):
+            line[x] = (
+                np.float32(0.75) * even[LINE + x]
+                + eighth * (even[LINE + x - 1] + even[LINE + x + 1])
+                + half * (odd[LINE + x - 1] + odd[LINE + x])
+            )
 
 
 @njit(**LEAN)
 def _largest(numbers):
-    largest = np.int32(0)
-    for x in range(numbers.size):
-        largest = max(largest, numbers[x])
-    return largest
+    """Return the largest of the lower halves of numbers."""
+    largest, lower = np.uint64(0), np.uint64(0xFFFFFFFF)
+    for number in numbers:
+        largest = max(largest, number & lower)
+    return np.uint32(largest)
 
 
 @njit(**LEAN)
-def _round(row, factor, even, odd):
-    """Write a row's multiples, rounded: every other one, and those between."""
-    half = np.float32(0.5)
-    for x in range(even.size):
-        # cut to as many bits as are kept
-        even[x] = np.int32(row[2 * x] * factor + half)
-        odd[x] = np.int32(row[2 * x + 1] * factor + half)
-
-
-@njit(**LEAN)
-def _pass_on(gathered, rows, kept):
-    """Make the last ``kept`` of so many rows the first ones, and empty the others."""
+def _pass_on(sums, rows, kept):
+    """Make the last ``kept`` of so many rows the first ones; those before them are zero."""
     for row in range(kept):
-        copy_row(gathered[rows - kept + row], gathered[row])
-    gathered[kept:] = 0
+        copy_row(sums[rows - kept + row], sums[row])
+        sums[rows - kept + row] = 0
 
 
 @njit(**OPTIONS)

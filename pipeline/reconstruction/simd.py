@@ -33,41 +33,40 @@ _WORD = ir.IntType(32)
 
 
 @intrinsic
-def share_wide(
-    typing_context, position_x, position_y, observed, weight, at, limits, to_weights, to_values,
-    along, of_rows, shares,
+def gather_wide(
+    typing_context, position_x, position_y, observed, weight, at, limits, places, sums, pitch
 ):  # fmt: skip
-    """Write where sixteen observations are added and what, as :func:`add_observations` takes it.
+    """Add sixteen observations to sums on the half-pixel lattice, each to four places, in place.
 
     Parameters
     ----------
     position_x, position_y, observed, weight : float32 array
         Landing points, HR pixels; grey levels.
     at : intp
-        Of the first of them, in these and in the places.
+        Of the first of them.
     limits : tuple of float32
         Level that is taken off what is observed; weight up to which one is left out; last column
-        and last row of the image; first and last row on which observations are to land; row before
-        the first one of the values, and their pitch; twice that row before, and the pitch of the
-        weights.
-    to_weights, to_values : int32 array
-        Of the first weight and the first value; the latter negative where one is left out.
-    along, of_rows, shares : float32 array
-        Four numbers of each, sixteen observations' after those of the sixteen before.
+        and last row of the image; first and last row on which observations are to land; twice the
+        row from which sums are kept, and the places of the lattice in a row of them.
+    places : (16,) int32
+        Room to work in.
+    sums : float32 array
+        Two of each place: of weights, and of what is observed times them.
+    pitch : intp
+        From row to row of the lattice.
     """
     signature = types.void(
-        *(position_x, position_y, observed, weight, types.intp, limits, to_weights, to_values),
-        along, of_rows, shares,
-    )  # fmt: skip
+        position_x, position_y, observed, weight, types.intp, limits, places, sums, types.intp
+    )
 
     def generate(context, builder, signature, arguments):
-        wide = _Vectors(builder, WIDE)
-        across, down, grey, mass, to_first, to_second, *rooms = (
-            _data(context, builder, signature, arguments, n) for n in (0, 1, 2, 3, 6, 7, 8, 9, 10)
+        wide, four = _Vectors(builder, WIDE), _Vectors(builder, 4)
+        across, down, grey, mass, room, data = (
+            _data(context, builder, signature, arguments, n) for n in (0, 1, 2, 3, 6, 7)
         )
-        at = arguments[4]
-        level, smallest, right, under, top, bottom, above, line, twice_above, pitch = (
-            wide.spread(builder.extract_value(arguments[5], n)) for n in range(10)
+        at, pitch = arguments[4], arguments[8]
+        level, smallest, right, under, top, bottom, twice_above, line = (
+            wide.spread(builder.extract_value(arguments[5], n)) for n in range(8)
         )
         zeros, ones, halves = wide.zeros, wide.ones, wide.halves
         floor = cgutils.get_or_insert_function(
@@ -77,27 +76,6 @@ def share_wide(
         def floored(values):
             return builder.call(floor, [values])
 
-        def spline(offset):
-            """Return the taps around the nearest pixel."""
-            less, more = wide.subtract(halves, offset), wide.add(halves, offset)
-            middle = wide.subtract(wide.constant(0.75), wide.times(offset, offset))
-            return (
-                wide.times(halves, wide.times(less, less)),
-                middle,
-                wide.times(halves, wide.times(more, more)),
-            )
-
-        def folded(taps, nearest, last):
-            """Let taps beyond the border fold onto the image: reflection about the edge."""
-            before, own, behind = taps
-            for end, of_before in ((zeros, True), (last, False)):
-                at_end = builder.fcmp_ordered("==", nearest, end)
-                beyond = before if of_before else behind
-                own = wide.add(own, builder.select(at_end, beyond, zeros))
-                kept = builder.select(at_end, zeros, beyond)
-                before, behind = (kept, behind) if of_before else (before, kept)
-            return before, own, behind
-
         def between(value, last):
             """Return a coordinate on the half-pixel lattice, and what lies before it there."""
             least = builder.select(builder.fcmp_ordered(">", value, zeros), value, zeros)
@@ -106,48 +84,49 @@ def share_wide(
             whole = floored(twice)
             return whole, wide.subtract(twice, whole)
 
-        weights, x, y = (wide.load(data, at) for data in (mass, across, down))
-        nearest_x, nearest_y = (floored(wide.add(value, halves)) for value in (x, y))
+        weights, x, y, value = (wide.load(numbers, at) for numbers in (mass, across, down, grey))
+        nearest_x, nearest_y = (floored(wide.add(number, halves)) for number in (x, y))
         is_in = builder.fcmp_ordered(">", weights, smallest)
-        for sign, value, bound in (
+        for sign, number, bound in (
             (">=", nearest_x, zeros), ("<=", nearest_x, right), (">=", nearest_y, top),
             ("<=", nearest_y, bottom),
         ):  # fmt: skip
-            is_in = builder.and_(is_in, builder.fcmp_ordered(sign, value, bound))
-        x, nearest_x = (builder.select(is_in, value, zeros) for value in (x, nearest_x))
-        y, nearest_y = (builder.select(is_in, value, top) for value in (y, nearest_y))
-        taps_x = folded(spline(wide.subtract(x, nearest_x)), nearest_x, right)
-        taps_y = folded(spline(wide.subtract(y, nearest_y)), nearest_y, under)
-        value = wide.times(weights, wide.subtract(wide.load(grey, at), level))
-        rows = wide.subtract(wide.subtract(nearest_y, ones), above)
-        # exact: what is kept of rows at once has far fewer numbers than 2 ** 24
-        place = builder.fptosi(wide.add(wide.times(rows, line), nearest_x), wide.words)
-        place = builder.select(is_in, place, ir.Constant(wide.words, [-1] * WIDE))
-        builder.store(place, wide.place(to_second, at, kind=wide.words), align=4)
+            is_in = builder.and_(is_in, builder.fcmp_ordered(sign, number, bound))
+        # what is left out adds nothing, where it is
+        weights, x, y = (
+            builder.select(is_in, number, other)
+            for number, other in ((weights, zeros), (x, zeros), (y, top))
+        )
+        value = builder.select(is_in, wide.subtract(value, level), zeros)
         # beyond the outermost pixels lies what they are
         column, u = between(x, right)
         row, v = between(y, under)
-        rows = wide.times(wide.subtract(row, twice_above), pitch)
-        place = builder.fptosi(wide.add(rows, column), wide.words)
-        builder.store(place, wide.place(to_first, at, kind=wide.words), align=4)
-        upper, lower = wide.times(weights, wide.subtract(ones, v)), wide.times(weights, v)
-        left = wide.subtract(ones, u)
-        to = builder.mul(at, ir.Constant(at.type, 4))
-        of_all, factors, parts = rooms
-        # what is multiplied by is read one by one; what is added two by two is brought together,
-        # and what is added four by four
-        for number, tap in enumerate(taps_y):
-            wide.store(wide.times(value, tap), factors, to, number * WIDE)
-        for number, row in enumerate((upper, lower)):
-            for half, pair in enumerate(_in_pairs(wide, wide.times(row, left), wide.times(row, u))):
-                wide.store(pair, parts, to, (2 * number + half) * WIDE)
-        firsts, lasts = (_in_pairs(wide, *taps) for taps in (taps_x[:2], (taps_x[2], zeros)))
-        for half in (0, 1):
-            for n in (0, 2):
-                turned = [n, n + 1, n + WIDE, n + 1 + WIDE]
-                lanes = [four + lane for four in range(0, WIDE, 4) for lane in turned]
-                found = wide.choose(firsts[half], lasts[half], lanes)
-                wide.store(found, of_all, to, (2 * half + n // 2) * WIDE)
+        # exact: what is kept of rows at once has far fewer places than 2 ** 24
+        place = wide.add(wide.times(wide.subtract(row, twice_above), line), column)
+        place = builder.fptosi(wide.add(place, place), wide.words)
+        first = ir.Constant(at.type, 0)
+        builder.store(place, wide.place(room, first, kind=wide.words), align=4)
+        sides = wide.subtract(ones, u), u
+        fours = []
+        for part in (wide.times(weights, wide.subtract(ones, v)), wide.times(weights, v)):
+            both = [wide.times(part, side) for side in sides]
+            # a weight and what is observed times it, of one place and of that beside it
+            firsts, lasts = (_in_pairs(wide, side, wide.times(side, value)) for side in both)
+            turned = [
+                [four + n + lane for four in range(0, WIDE, 4) for lane in (0, 1, WIDE, WIDE + 1)]
+                for n in (0, 2)
+            ]
+            fours.append(
+                [wide.choose(firsts[n // 2], lasts[n // 2], turned[n % 2]) for n in range(4)]
+            )
+        for lane in range(WIDE):
+            here = builder.load(builder.gep(room, [ir.Constant(at.type, lane)]))
+            to = builder.sext(here, pitch.type)
+            for row in fours:
+                own = row[lane % 4]
+                share = four.choose(own, own, list(range(lane // 4 * 4, lane // 4 * 4 + 4)))
+                four.store(four.add(four.load(data, to), share), data, to)
+                to = builder.add(to, pitch)
         return context.get_dummy_value()
 
     return signature, generate
@@ -166,75 +145,81 @@ def _in_pairs(wide: _Vectors, first, second):
 
 
 @intrinsic
-def add_observations(
-    typing_context, sums, to_weights, pitch, values, to_values, line, along, of_rows, shares, count
+def part_wide(
+    typing_context, sums, at, pitch, own, factor, masses, line, plane, even, odd, to
 ):  # fmt: skip
-    """Add what :func:`share_wide` wrote, each to four weights and to nine values, in place.
-
-    Of every sixteen the first one, then of every sixteen the second one …: those beside each other
-    land beside each other, and a sum is not read just after it was written.
+    """Part what has been gathered on sixteen pixels of a row: weights, rounded, and the rest.
 
     Parameters
     ----------
     sums : float32 array
-    to_weights : int32 array
-        Of the first of two weights, each.
-    pitch : intp
-        To the two in the next row.
-    values : float32 array
-    to_values : int32 array
-        Of the first of three values, of which a fourth stays as it is; negative where one is left
-        out.
-    line : intp
-        From row to row of these.
-    along, of_rows, shares : float32 array
-    count : intp
-        How many sixteens.
+        As of :func:`gather_wide`. What no later row needs is made zero.
+    at, pitch : intp
+        Of the first place of the first pixel; from row to row of the lattice.
+    own : float32
+        What its own row counts; those half a pixel beside it count a half, a pixel beside an
+        eighth.
+    factor : float32
+        What weights are multiplied by before they are rounded.
+    masses : uint8 or uint16 array
+        Of the four places of each pixel.
+    line, plane : intp
+        Of the first pixel there; from one of its places to the next.
+    even, odd : float32 array
+        What is observed times its weight, rows added, of the places of the pixels and of those
+        right of them.
+    to : intp
+        Of the first pixel in these.
     """
     signature = types.void(
-        sums, to_weights, types.intp, values, to_values, types.intp, along, of_rows, shares,
-        types.intp,
+        sums, types.intp, types.intp, types.float32, types.float32, masses, types.intp, types.intp,
+        even, odd, types.intp,
     )  # fmt: skip
 
     def generate(context, builder, signature, arguments):
-        four, two = _Vectors(builder, 4), _Vectors(builder, 2)
-        weights, to_first, data, to_second, taps, factors, parts = (
-            _data(context, builder, signature, arguments, n) for n in (0, 1, 3, 4, 6, 7, 8)
+        wide = _Vectors(builder, WIDE)
+        data, rounded, *results = (
+            _data(context, builder, signature, arguments, n) for n in (0, 5, 8, 9)
         )
-        pitch, line, count = (arguments[n] for n in (2, 5, 9))
+        at, pitch, line, plane, to = (arguments[n] for n in (1, 2, 6, 7, 10))
+        own, factor = wide.spread(arguments[3]), wide.spread(arguments[4])
+        kept = ir.VectorType(ir.IntType(masses.dtype.bitwidth), WIDE)
 
-        def number_at(numbers, place, more: int):
-            """Return one number, ``more`` behind a place."""
-            where = builder.add(place, ir.Constant(place.type, more))
-            return builder.load(builder.gep(numbers, [where]))
+        def row(number: int):
+            """Return a row of the lattice so many rows from the pixels' own one."""
+            first = builder.add(at, builder.mul(pitch, ir.Constant(pitch.type, number)))
+            return [wide.load(data, first, quarter * WIDE) for quarter in range(4)]
 
-        def add(lane: int, place, first) -> None:
-            """Add one of the sixteen from a place on, of which four times as many lie before."""
-            to = number_at(to_second, place, lane)
-            is_in = builder.icmp_signed(">=", to, ir.Constant(to.type, 0))
-            with builder.if_then(is_in, likely=True):
-                to = builder.sext(to, pitch.type)
-                at = builder.sext(number_at(to_first, place, lane), pitch.type)
-                own = lane // 4 * 4
-                across = four.load(taps, first, lane % 4 * WIDE + own)
-                for row in range(3):
-                    factor = four.spread(number_at(factors, first, row * WIDE + lane))
-                    total = four.add(four.load(data, to), four.times(across, factor))
-                    four.store(total, data, to)
-                    to = builder.add(to, line)
-                for row in range(2):
-                    pair = (2 * row + lane % 4 // 2) * WIDE + own + lane % 2 * 2
-                    share = two.load(parts, first, pair)
-                    two.store(two.add(two.load(weights, at), share), weights, at)
-                    at = builder.add(at, pitch)
+        def parted(quarters, which: int):
+            """Return every fourth number from one on, and from the second one after it on."""
+            lanes = [4 * lane + first for first in (which, which + 2) for lane in range(8)]
+            low, high = (wide.choose(quarters[n], quarters[n + 1], lanes) for n in (0, 2))
+            first = [*range(8), *range(WIDE, WIDE + 8)]
+            return [wide.choose(low, high, [lane + more for lane in first]) for more in (0, 8)]
 
-        for lane in range(WIDE):
-            with cgutils.for_range(builder, count) as loop:
-                place, first = (
-                    builder.mul(loop.index, ir.Constant(pitch.type, each))
-                    for each in (WIDE, 4 * WIDE)
-                )
-                add(lane, place, first)
+        above, before, middle, behind, below = (row(number) for number in range(-2, 3))
+        eighth = wide.constant(0.125)
+        total = [
+            wide.add(
+                wide.add(
+                    wide.times(own, middle[n]),
+                    wide.times(wide.halves, wide.add(before[n], behind[n])),
+                ),
+                wide.times(eighth, wide.add(above[n], below[n])),
+            )
+            for n in range(4)
+        ]
+        for part, result in zip(parted(total, 1), results, strict=True):
+            wide.store(part, result, to)
+        for part in (*parted(middle, 0), *parted(behind, 0)):
+            found = wide.add(wide.times(part, factor), wide.halves)
+            found = builder.trunc(builder.fptosi(found, wide.words), kept)
+            builder.store(found, wide.place(rounded, line, kind=kept), align=1)
+            line = builder.add(line, plane)
+        for number in (-2, -1):
+            first = builder.add(at, builder.mul(pitch, ir.Constant(pitch.type, number)))
+            for quarter in range(4):
+                wide.store(wide.zeros, data, first, quarter * WIDE)
         return context.get_dummy_value()
 
     return signature, generate

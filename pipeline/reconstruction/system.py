@@ -6,12 +6,12 @@ B-spline of nine taps s, all observations together enter the normal equations
 
     (Bᵀ M B + λ P) f = Bᵀ b,   M = Σ w s sᵀ,   b = Σ w s y.
 
-b is exact. In M each observation is shared, linearly, by the four places around it of a lattice of
-half HR pixels: M ≈ Sᵀ W S with S the samples there and W the weights that they have come to, four
-numbers a pixel. An iteration then costs two separable blurs and S forth and back, however many
-views there are. Since y is what is observed beyond what an estimate predicts, the gradient is exact
-where a descent from that begins, and only what is changed feels the lattice. The pixels of the
-reference view itself lie on it. The weighted graph Laplacian P is the edge-preserving prior.
+Each observation, w and w y, is shared, linearly, by the four places around it of a lattice of half
+HR pixels: M ≈ Sᵀ W S and b ≈ Sᵀ c with S the samples there and W, c the weights and values that
+they have come to, W four numbers a pixel. An iteration then costs two separable blurs and S forth
+and back, however many views there are. Since y is what is observed beyond what an estimate
+predicts where it lands, only what is changed feels the lattice. The pixels of the reference view
+itself lie on it. The weighted graph Laplacian P is the edge-preserving prior.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.reconstruction import descent, kernels, sweeps
-from pipeline.reconstruction.half_pixels import pitch_of
+from pipeline.reconstruction.half_pixels import LATTICE, pitch_of
 from pipeline.reconstruction.psf import SeparableTaps
 from pipeline.reconstruction.rows import LINE, whole
 from pipeline.reconstruction.simd import TOGETHER
@@ -195,7 +195,7 @@ class NormalEquations:
         height, width = shape
         self._origin: HrImage | None = None
         self._masses: Counts = on_lines(
-            (height, kernels.LATTICE, whole(width)), np.uint8 if short else np.uint16
+            (height, LATTICE, whole(width)), np.uint8 if short else np.uint16
         )
         self._masses[:, :, width:] = 0  # what lies behind a row stays zero
         self._units = np.empty(height, np.float32)
@@ -246,7 +246,9 @@ class NormalEquations:
         height, width = self.shape
         self._origin, self._has_gathered, self._density = predicted_by, True, None
         level = self._level if predicted_by is None else np.float32(0)
-        stretches = [rows * -(-columns // TOGETHER) for rows, columns in table[:, -2:].tolist()]
+        stretches = [
+            rows * (1 - (-columns // TOGETHER)) for rows, columns in table[:, -2:].tolist()
+        ]
         starts = np.cumsum([0, *stretches])
         landing = np.empty((2, starts[-1]), np.int32)
         map_threads(
