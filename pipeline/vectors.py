@@ -101,20 +101,10 @@ class Vectors:
 
     def load_counts(self, data, at, kind: types.Type, more: int = 0):
         """Return unsigned numbers of 8 or 16 bits as floats."""
-        counts, align = self._counts(kind)
-        found = self.builder.load(self.place(data, at, more, counts), align=align)
+        counts = ir.VectorType(ir.IntType(kind.bitwidth), self.lanes)
+        where = self.place(data, at, more, counts)
+        found = self.builder.load(where, align=kind.bitwidth // 8)
         return self.builder.uitofp(self.builder.zext(found, self.words), self.floats)
-
-    def keep_counts(self, value, data, at, kind: types.Type) -> None:
-        """Write positive numbers, rounded, as :meth:`load_counts` reads them."""
-        counts, align = self._counts(kind)
-        whole = self.builder.fptosi(self.add(value, self.halves), self.words)
-        where = self.place(data, at, kind=counts)
-        self.builder.store(self.builder.trunc(whole, counts), where, align=align)
-
-    def _counts(self, kind: types.Type):
-        """Return the vector of unsigned numbers of a kind, and where it may begin."""
-        return ir.VectorType(ir.IntType(kind.bitwidth), self.lanes), kind.bitwidth // 8
 
 
 def data_of(context, builder, signature, arguments, number: int):

@@ -777,97 +777,169 @@ def bend_wide(typing_context, weights, at, plane, image, row, down, out, to):
 
 
 @intrinsic
-def three_wide(typing_context, image, above, own, below, out, to):
-    """Write above + 2 · own + below at sixteen pixels.
+def squares_wide(typing_context, image, own, below, out, to, plane):
+    """Write the squares of what sixteen pixels differ by from their neighbours, in four planes.
+
+    In the order of ``_NEIGHBOURS``. Sixteen are read before the first pixel below, and behind the
+    last ones; see :func:`blur_along`.
 
     Parameters
     ----------
     image : float32 array
-    above, own, below : intp
-        Of the first pixel.
-    out, to : float32 array, intp
-        Where the result goes.
+    own, below : intp
+        Of the first pixel in this row, and in the one below.
+    out, to, plane : float32 array, intp, intp
+        Where the results of the first plane go; from plane to plane.
     """
-    signature = types.void(image, types.intp, types.intp, types.intp, out, types.intp)
+    signature = types.void(image, types.intp, types.intp, out, types.intp, types.intp)
 
     def generate(context, builder, signature, arguments):
         wide = _Vectors(builder, WIDE)
-        pixels, result = (_data(context, builder, signature, arguments, n) for n in (0, 4))
-        above, own, below = (wide.load(pixels, place) for place in arguments[1:4])
-        total = wide.add(wide.add(above, wide.times(wide.constant(2.0), own)), below)
-        wide.store(total, result, arguments[5])
+        pixels, result = (_data(context, builder, signature, arguments, n) for n in (0, 3))
+        own, below, to, plane = arguments[1], arguments[2], arguments[4], arguments[5]
+        rows = [[wide.load(pixels, start, n * WIDE) for n in (-1, 0, 1)] for start in (own, below)]
+        for _, down, dx in _NEIGHBOURS:
+            away = wide.subtract(_beside(wide, rows[down], dx), rows[0][1])
+            wide.store(wide.times(away, away), result, to)
+            to = builder.add(to, plane)
         return context.get_dummy_value()
 
     return signature, generate
 
 
-@intrinsic
-def shares_wide(typing_context, sums, at, pitch, square, least, floor, strengths, out, to, plane):
-    """Write m (s / (t + l) + f) at sixteen pixels of four planes, t weighted 1 2 1 along the row.
+def _beside(wide: _Vectors, three, dx: int):
+    """Return what lies so far to the right of the second of three vectors in a row."""
+    if dx == 0:
+        return three[1]
+    left, right, start = (*three[1:], dx) if dx > 0 else (*three[:2], WIDE + dx)
+    return wide.choose(left, right, [start + n for n in range(WIDE)])
 
-    One division serves all four.
+
+class _Sums:
+    """Sums of three rows, weighted 1 2 1 along both axes, of sixteens that lie behind each other.
 
     Parameters
     ----------
-    sums : float32 array
-    at, pitch : intp
-        Of the first of sixteen pixels and two more; from plane to plane.
+    data
+        The numbers.
+    rows : tuple of intp
+        Of the first of sixteen in the row above, this one and the row below; as many are read
+        before them, and behind the last ones.
+    """
+
+    def __init__(self, wide: _Vectors, data, rows) -> None:
+        self._wide, self._data, self._rows = wide, data, rows
+        self._before, self._own = (
+            cgutils.alloca_once_value(wide.builder, self._down(n * WIDE)) for n in (-1, 0)
+        )
+
+    def next(self, ahead):
+        """Return sixteen more sums, ``ahead`` of the first ones."""
+        wide, builder = self._wide, self._wide.builder
+        behind = self._down(WIDE, ahead)
+        three = builder.load(self._before), builder.load(self._own), behind
+        builder.store(three[1], self._before)
+        builder.store(behind, self._own)
+        left, right = (_beside(wide, three, dx) for dx in (-1, 1))
+        return wide.add(wide.add(left, self._twice(three[1])), right)
+
+    def _down(self, more: int, ahead=None):
+        """Return sums along the column."""
+        above, own, below = (
+            self._wide.load(
+                self._data, row if ahead is None else self._wide.builder.add(row, ahead), more
+            )
+            for row in self._rows
+        )
+        return self._wide.add(self._wide.add(above, self._twice(own)), below)
+
+    def _twice(self, value):
+        return self._wide.times(self._wide.constant(2.0), value)
+
+
+@intrinsic
+def share_row(
+    typing_context, squares, above, own, below, pitch, count, square, least, floor, strengths, at,
+    out, to, plane,
+):  # fmt: skip
+    """Write m (s / (t + l) + f) at so many sixteens of pixels of four planes.
+
+    t is the sum over 3 × 3 pixels, weighted 1 2 1 along both axes. One division serves all four.
+
+    Parameters
+    ----------
+    squares : float32 array
+    above, own, below : intp
+        Of the first pixel in plane 0, in three rows; see :class:`_Sums`.
+    pitch : intp
+        From plane to plane.
+    count : intp
+        Of sixteens.
     square, least, floor : float32
         s, l, f.
-    strengths : float32 array
-        m, of which the sixteen from its element ``at`` on are taken.
+    strengths, at : float32 array, intp
+        m, of the first pixel.
     out, to, plane : float32 array, intp, intp
         Where the result of plane 0 goes; from plane to plane.
     """
     signature = types.void(
-        sums, types.intp, types.intp, *(types.float32,) * 3, strengths, out, types.intp,
+        squares, *(types.intp,) * 5, *(types.float32,) * 3, strengths, types.intp, out, types.intp,
         types.intp,
     )  # fmt: skip
 
     def generate(context, builder, signature, arguments):
         wide = _Vectors(builder, WIDE)
         values, strong, result = (
-            _data(context, builder, signature, arguments, n) for n in (0, 6, 7)
+            _data(context, builder, signature, arguments, n) for n in (0, 9, 11)
         )
-        at, pitch, to, plane = arguments[1], arguments[2], arguments[8], arguments[9]
-        square, least, floor = (wide.spread(number) for number in arguments[3:6])
-        totals, where = [], at
+        rows, pitch, count = arguments[1:4], arguments[4], arguments[5]
+        square, least, floor = (wide.spread(number) for number in arguments[6:9])
+        at, first, plane = arguments[10], arguments[12], arguments[13]
+        planes = []
         for _ in range(4):
-            first, middle, last = (wide.load(values, where, dx) for dx in range(3))
-            total = wide.add(wide.add(first, wide.times(wide.constant(2.0), middle)), last)
-            totals.append(wide.add(total, least))
-            where = builder.add(where, pitch)
-        pairs = [wide.times(totals[0], totals[1]), wide.times(totals[2], totals[3])]
-        inverse = builder.fdiv(square, wide.times(*pairs), flags=wide.flags)
-        of_pairs = [wide.times(inverse, pairs[1]), wide.times(inverse, pairs[0])]
-        strength, where = wide.load(strong, at), to
-        for number in range(4):
-            share = wide.times(of_pairs[number // 2], totals[number ^ 1])
-            wide.store(wide.times(strength, wide.add(share, floor)), result, where)
-            where = builder.add(where, plane)
+            planes.append(_Sums(wide, values, rows))
+            rows = [builder.add(row, pitch) for row in rows]
+        with cgutils.for_range(builder, count) as loop:
+            ahead = builder.mul(loop.index, ir.Constant(count.type, WIDE))
+            totals = [wide.add(sums.next(ahead), least) for sums in planes]
+            pairs = [wide.times(totals[0], totals[1]), wide.times(totals[2], totals[3])]
+            inverse = builder.fdiv(square, wide.times(*pairs), flags=wide.flags)
+            of_pairs = [wide.times(inverse, pairs[1]), wide.times(inverse, pairs[0])]
+            strength = wide.load(strong, builder.add(at, ahead))
+            to = builder.add(first, ahead)
+            for number in range(4):
+                share = wide.times(of_pairs[number // 2], totals[number ^ 1])
+                wide.store(wide.times(strength, wide.add(share, floor)), result, to)
+                to = builder.add(to, plane)
         return context.get_dummy_value()
 
     return signature, generate
 
 
 @intrinsic
-def round_wide(typing_context, sums, at, out, to):
-    """Write sixteen sums of numbers, weighted 1 2 1 along the row, rounded.
+def round_row(typing_context, shares, above, own, below, count, out, to):
+    """Write so many sixteens of sums over 3 × 3 pixels, weighted 1 2 1 along both axes, rounded.
 
     Parameters
     ----------
-    sums, at : float32 array, intp
-        Of the first of sixteen numbers and two more.
-    out, to : uint8 or uint16 array, intp
+    shares : float32 array
+    above, own, below : intp
+        Of the first pixel, in three rows; see :class:`_Sums`.
+    count : intp
+        Of sixteens.
+    out, to : uint16 array, intp
     """
-    signature = types.void(sums, types.intp, out, types.intp)
+    signature = types.void(shares, *(types.intp,) * 4, out, types.intp)
 
     def generate(context, builder, signature, arguments):
         wide = _Vectors(builder, WIDE)
-        values, result = (_data(context, builder, signature, arguments, n) for n in (0, 2))
-        first, middle, last = (wide.load(values, arguments[1], dx) for dx in range(3))
-        total = wide.add(wide.add(first, wide.times(wide.constant(2.0), middle)), last)
-        wide.keep_counts(total, result, arguments[3], signature.args[2].dtype)
+        values, result = (_data(context, builder, signature, arguments, n) for n in (0, 5))
+        sums, count, to = _Sums(wide, values, arguments[1:4]), arguments[4], arguments[6]
+        with cgutils.for_range(builder, count) as loop:
+            ahead = builder.mul(loop.index, ir.Constant(count.type, WIDE))
+            whole = builder.fptosi(wide.add(sums.next(ahead), wide.halves), wide.words)
+            where = wide.place(result, builder.add(to, ahead), kind=wide.shorts)
+            builder.store(builder.trunc(whole, wide.shorts), where, align=2)
         return context.get_dummy_value()
 
     return signature, generate

@@ -20,6 +20,7 @@ from pipeline.reconstruction.half_pixels import (
     LEAD,
     NUM_LINES,
     NUM_STRIP_LINES,
+    STRIP_LEAD,
     STRIP_PITCH,
     join_row,
     pitch_of,
@@ -48,9 +49,9 @@ from pipeline.reconstruction.simd import (
     plus_one,
     plus_wide,
     pull_wide,
-    round_wide,
-    shares_wide,
-    three_wide,
+    round_row,
+    share_row,
+    squares_wide,
 )
 
 PAD = 2
@@ -70,9 +71,8 @@ FLOOR = 0.005
 """Share of that weight which is left at the strongest edge: without it little would keep an image
 together where nobody looks."""
 
-BEHIND = WIDE + 2
-"""Numbers behind the last pixel of a row, of local strengths and where the prior is weighed: as
-many as loops by sixteens read there."""
+BEHIND = 2 * WIDE
+"""Numbers behind the last pixel of a row of local strengths: as many as loops by sixteens read."""
 
 BENT_EVERY, BENT_FROM = 4, 64
 """Rows of which one tells what the prior makes of a direction's curvature, in images of so many or
@@ -450,8 +450,8 @@ def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
     direction : (KH, KW), kept
     scale : float
         Root mean square of the differences below which the prior is quadratic, grey levels.
-    local : (KH, 1 + KW + BEHIND) float32
-        Local strength, 0..1, padded by one in front.
+    local : (KH, LEAD + KW + BEHIND) float32
+        Local strength, 0..1, padded in front and behind.
     prior : (4, KH + 1, pitch_of(KW)) uint16
         See :func:`look_and_sharpen`.
 
@@ -462,14 +462,12 @@ def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
     """
     width = estimate.shape[1]
     strips = max(1, (width + STRIP // 2) // STRIP)
-    widest = min(width, width // strips + WIDE + 2 * BESIDE)
-    # whole vectors: rows of all planes are added up in one go
-    length = whole(PAD + widest + BEHIND)
+    widest = min(width, width // strips + 2 * WIDE + BESIDE)
+    length = STRIP_LEAD + whole(widest) + STRIP_LEAD
     rooms = (
-        make_lines(2, whole(widest)),
+        make_lines(2, length),
         make_lines(3 * 4, length).reshape(3, 4, length),
         make_lines(3 * 4, length).reshape(3, 4, length),
-        make_lines(4, length),
     )
     left = np.int64(0)  # typed: a literal has what it goes to compiled twice
     for strip in range(1, strips + 1):
@@ -480,50 +478,60 @@ def weigh_prior(step, estimate, direction, scale, local, lo, hi, prior):
 
 @njit(**LEAN)
 def _weigh_strip(step, estimate, direction, scale, local, lo, hi, left, right, prior, rooms):
-    around, squares, shares, sums = rooms
+    around, squares, shares = rooms
     squares[:] = 0
-    height = estimate.shape[0]
+    height, columns = estimate.shape
     # what is read, and where what is wanted begins in it
-    a, b = max(0, left - BESIDE), min(estimate.shape[1], right + BESIDE)
-    width, start, wanted = b - a, left - a, right - left
-    length = sums.shape[1]
+    a, b = max(0, left - WIDE), min(columns, right + BESIDE)
+    width, start, count = b - a, left - a, (right - left + WIDE - 1) // WIDE
+    length = around.shape[1]
     of_row = 4 * length
-    all_squares, all_shares, all_sums = squares.reshape(-1), shares.reshape(-1), sums.reshape(-1)
+    pixels, all_squares, all_shares = around.reshape(-1), squares.reshape(-1), shares.reshape(-1)
     plane, pitch, weights = prior.shape[1] * prior.shape[2], prior.shape[2], prior.reshape(-1)
     s = np.float32(step)
     square, floor = np.float32((1 - FLOOR) * TOP * scale**2), np.float32(FLOOR * TOP / 16)
     least = np.float32(16.0 * scale**2)
     next_row = max(lo - 2, 0)
     next_share = lo - 1
-    _combine(estimate[next_row, a:b], s, direction[next_row, a:b], around[next_row % 2])
+    # of the first sixteen in a line, of which the last one lies beside what is wanted
+    first = STRIP_LEAD + start - WIDE
+    _combine(
+        estimate[next_row, a:b], s, direction[next_row, a:b], around[next_row % 2, STRIP_LEAD:]
+    )
     for y in range(lo, hi):
         while next_share < y + 2:
             while next_row < min(next_share + 2, height):
-                below = next_row + 1
-                if below < height:
-                    _combine(estimate[below, a:b], s, direction[below, a:b], around[below % 2])
-                _squares(
-                    around[next_row % 2, :width], around[below % 2, :width], below < height,
-                    squares[next_row % 3],
-                )  # fmt: skip
+                below = min(next_row + 1, height - 1)
+                if below > next_row:
+                    _combine(
+                        estimate[below, a:b], s, direction[below, a:b],
+                        around[below % 2, STRIP_LEAD:],
+                    )  # fmt: skip
+                line = squares[next_row % 3]
+                for x in range(STRIP_LEAD, STRIP_LEAD + width, WIDE):
+                    squares_wide(
+                        pixels, next_row % 2 * length + x, below % 2 * length + x, all_squares,
+                        next_row % 3 * of_row + x, length,
+                    )  # fmt: skip
+                _nothing_beyond(line, left == 0, right == columns, below > next_row, width)
                 next_row += 1
             if next_share + 1 >= height:
                 squares[(next_share + 1) % 3] = 0
-            _add_rows(all_squares, next_share, of_row, of_row, all_sums)
-            strengths = local[min(max(next_share, 0), height - 1), a:]
-            for x in range(0, width + 2, WIDE):
-                shares_wide(
-                    all_sums, x, length, square, least, floor, strengths, all_shares,
-                    next_share % 3 * of_row + x, length,
-                )  # fmt: skip
+            share_row(
+                all_squares, (next_share - 1) % 3 * of_row + first, next_share % 3 * of_row + first,
+                (next_share + 1) % 3 * of_row + first, length, count + 2, square, least, floor,
+                local[min(max(next_share, 0), height - 1)], LEAD + left - WIDE, all_shares,
+                next_share % 3 * of_row + first, length,
+            )  # fmt: skip
             next_share += 1
-        planes = 1 if y + 1 == height else 4
-        _add_rows(all_shares, y, of_row, planes * length, all_sums)
-        for number in range(planes):
-            to = number * plane + (y + 1) * pitch + LEAD + left
-            for x in range(0, wanted, WIDE):
-                round_wide(all_sums, number * length + start + x, weights, to + x)
-        if right == estimate.shape[1]:
+        for number in range(1 if y + 1 == height else 4):
+            at = number * length + STRIP_LEAD + start
+            round_row(
+                all_shares, (y - 1) % 3 * of_row + at, y % 3 * of_row + at,
+                (y + 1) % 3 * of_row + at, count, weights,
+                number * plane + (y + 1) * pitch + LEAD + left,
+            )  # fmt: skip
+        if right == columns:
             prior[:, y + 1, LEAD + right :] = 0
             prior[0, y + 1, LEAD + right - 1] = 0
             prior[3, y + 1, LEAD + right - 1] = 0
@@ -533,31 +541,16 @@ def _weigh_strip(step, estimate, direction, scale, local, lo, hi, left, right, p
 
 
 @njit(**LEAN)
-def _add_rows(ring, row, size, count, out):
-    """Write so many numbers of a row and of those above and below, weighted 1 2 1, from a ring."""
-    above, own, below = (row - 1) % 3 * size, row % 3 * size, (row + 1) % 3 * size
-    for x in range(0, count, WIDE):
-        three_wide(ring, above + x, own + x, below + x, out, x)
-
-
-@njit(**LEAN)
-def _squares(own, below, has_below, out):
-    """Write the squared differences of a row to its neighbours, padded by two."""
-    width = own.size
-    _square(own[: width - 1], own[1:], out[0, 2:])
+def _nothing_beyond(squares, is_first, is_last, has_below, width):
+    """Make zero what does not lie between two pixels of the image."""
     if not has_below:
-        out[1:] = 0
-        return
-    _square(own[1:], below[: width - 1], out[1, 3:])
-    _square(own, below, out[2, 2:])
-    _square(own[: width - 1], below[1:], out[3, 2:])
-
-
-@njit(**LEAN)
-def _square(first, second, out):
-    for x in range(first.size):
-        away = second[x] - first[x]
-        out[x] = away * away
+        squares[1:] = 0
+    if is_first:
+        squares[1, STRIP_LEAD] = 0
+    if is_last:
+        squares[:, STRIP_LEAD + width :] = 0
+        squares[0, STRIP_LEAD + width - 1] = 0
+        squares[3, STRIP_LEAD + width - 1] = 0
 
 
 @njit(**OPTIONS)

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.reconstruction import descent, kernels, sweeps
-from pipeline.reconstruction.half_pixels import LATTICE, pitch_of
+from pipeline.reconstruction.half_pixels import LATTICE, LEAD, pitch_of
 from pipeline.reconstruction.psf import SeparableTaps
 from pipeline.reconstruction.rows import LINE, whole
 from pipeline.reconstruction.simd import TOGETHER
@@ -190,7 +190,7 @@ class NormalEquations:
         self._cell, self._is_balanced = cell, gain is not None
         self._level = np.float32(level)
         local = np.ones(shape, np.float32) if local is None else local
-        self._local = cv2.copyMakeBorder(local, 0, 0, 1, BEHIND, cv2.BORDER_REPLICATE)
+        self._local = cv2.copyMakeBorder(local, 0, 0, LEAD, BEHIND, cv2.BORDER_REPLICATE)
         self._along, self._sharpening = _halves(taps), _low_passes(sharpening, gain)
         height, width = shape
         self._origin: HrImage | None = None
