@@ -42,7 +42,8 @@ class Trust:
 
     tolerated: float = 0.3
     """Prediction error that is tolerated beside one grey level, factor on the standard deviation of
-    what is observed around a pixel: where there is much to see, much of it is aliased."""
+    what is observed around a pixel, along the axes that are enlarged: where there is much to see,
+    much of it is aliased."""
     gain: float = 0.5
     """Share of what is observed and was not predicted that is added to it, once it is moved."""
 
@@ -62,6 +63,10 @@ TOLERATED = 1.0
 QUIET = 2.0
 """Noise below which that falls with its square, grey levels: the better an eye is by itself, the
 less it takes for another picture to be worse."""
+
+ONE_PIXEL = 3.0
+"""Factor on the power of noise that a single pixel's squared error has to exceed: it is no mean of
+several."""
 
 SEVERITY = 4.0
 """Factor on the excess of the squared error over what noise makes."""
@@ -113,7 +118,7 @@ def put_right(
         wide = widened(box, observed.shape, reach)
         error = _unexplained(observed, predicted, wide, grid, psf)
         inner = within(box, wide)
-        trusted = _trusted(error, observed[wide], noise, trust.tolerated)[inner]
+        trusted = _trusted(error, observed[wide], noise, trust.tolerated, grid)[inner]
         correction = restoration.apply(error, grid, inner)
         # contiguous, for one compilation
         _join(
@@ -165,17 +170,27 @@ def _moved_here(
 
 
 def _trusted(
-    error: GreyImage, observed: GreyImage, noise: float, tolerated: float
+    error: GreyImage, observed: GreyImage, noise: float, tolerated: float, grid: Grid
 ) -> npt.NDArray[np.float32]:
-    """Return how far a prediction is to be trusted, 0..1, by its error around each pixel."""
+    """Return how far a prediction is to be trusted, 0..1, by its error at and around each pixel."""
     smooth = cv2.GaussianBlur(error, (_SIDE, _SIDE), LOW_PASS, borderType=cv2.BORDER_REFLECT)
     power = cv2.blur(smooth * smooth, (BOX, BOX), borderType=cv2.BORDER_REFLECT)
+    # what varies along an axis that is not enlarged is no aliased detail
+    along = (
+        AROUND if grid.magnification_x > 1 else 1,
+        AROUND if grid.magnification_y > 1 else 1,
+    )  # fmt: skip
     side = (AROUND, AROUND)
-    mean = cv2.blur(observed, side, borderType=cv2.BORDER_REFLECT)
+    mean = cv2.blur(observed, along, borderType=cv2.BORDER_REFLECT)
+    if along != side:
+        mean = np.sqrt(cv2.blur(mean * mean, along[::-1], borderType=cv2.BORDER_REFLECT))
     square = cv2.blur(observed * observed, side, borderType=cv2.BORDER_REFLECT)
     trusted = np.empty(error.shape, np.float32)
     share = np.float32(min(noise / QUIET, 1.0) ** 4)
-    _weigh(power, mean, square, np.float32(noise * noise), np.float32(tolerated), share, trusted)
+    _weigh(
+        smooth, power, mean, square, np.float32(noise * noise), np.float32(tolerated), share,
+        trusted,
+    )  # fmt: skip
     return trusted
 
 
@@ -185,16 +200,22 @@ _PASSED = 1.1 * float((cv2.getGaussianKernel(_SIDE, LOW_PASS) ** 2).sum() ** 2)
 
 
 @njit(**LEAN)
-def _weigh(power, mean, square, noise, tolerated, share, trusted):
-    """Write (t² / (t² + c (e² − σ² g)))², t² a share of what is tolerated."""
+def _weigh(smooth, power, mean, square, noise, tolerated, share, trusted):
+    """Write (t² / (t² + c (e² − σ² g)))², t² a share of what is tolerated.
+
+    e² is the mean around a pixel or its own, whichever says more: where an edge is put beside its
+    place, few pixels tell. The latter is measured against ``ONE_PIXEL`` times the noise.
+    """
     passed = np.float32(_PASSED)
+    own_share = np.float32(ONE_PIXEL * _PASSED)
     zero, constant = np.float32(0.0), np.float32(TOLERATED**2)
     factor, severity = tolerated * tolerated, np.float32(SEVERITY)
     for row in range(power.shape[0]):
         for column in range(power.shape[1]):
             seen = square[row, column] - mean[row, column] * mean[row, column] - noise
             bound = share * (constant + factor * max(seen, zero))
-            excess = max(power[row, column] - passed * noise, zero)
+            own = smooth[row, column] * smooth[row, column] - own_share * noise
+            excess = max(max(power[row, column] - passed * noise, own), zero)
             of_all = bound / (bound + severity * excess)
             trusted[row, column] = of_all * of_all
 

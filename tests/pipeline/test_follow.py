@@ -72,6 +72,12 @@ def _flies(wall, number, beside):
     return wall
 
 
+def _flies_darkly(wall, number, beside):
+    column = 20 + 11 * number + beside
+    wall[70:82, column : column + 12] = 20
+    return wall
+
+
 def _jumps(wall, number, beside):
     row, column = np.random.default_rng(number).integers(25, HEIGHT - 40, 2)
     wall[row : row + 9, column + beside : column + beside + 9] = 235
@@ -123,9 +129,12 @@ def _pictures(happens, follow, settings, targets=EYES):
     return found[WHOLE + 1 :]
 
 
-def _gains(happens, sampling="decimation", targets=EYES):
+def _gains(happens, sampling="decimation", targets=EYES, magnification="2"):
     """Return what following gains, dB, (frames, eyes)."""
-    settings = Settings(psf_sigma=1.0, noise_sigma=2.0, sampling=sampling, temporal="warm")
+    settings = Settings(
+        psf_sigma=1.0, noise_sigma=2.0, sampling=sampling, temporal="warm",
+        magnification=magnification,
+    )  # fmt: skip
     runs = [_pictures(happens, follow, settings, targets) for follow in (True, False)]
     return np.array(
         [
@@ -145,6 +154,25 @@ def _gains(happens, sampling="decimation", targets=EYES):
 )
 def test_no_frame_is_worse_for_it(happens, sampling):
     assert _gains(happens, sampling).min() > -0.05
+
+
+@pytest.mark.parametrize(
+    ("sampling", "magnification"),
+    [("decimation", "2"), ("decimation", "2x1"), ("area", "2x1"), ("area", "1x2")],
+)
+def test_no_frame_is_worse_where_an_edge_is_found_beside_its_place(sampling, magnification):
+    gains = _gains(_flies_darkly, sampling, magnification=magnification)
+    assert gains.min() > -0.05
+    assert gains.mean() > 0.1
+
+
+@pytest.mark.parametrize("happens", [_flies, _uncovers, _flashes])
+def test_no_frame_of_squeezed_eyes_is_worse_for_it(happens):
+    assert _gains(happens, "area", magnification="2x1").min() > -0.05
+
+
+def test_what_glides_gains_in_squeezed_eyes():
+    assert _gains(_glides, magnification="2x1").mean() > 0.25
 
 
 def test_what_glides_gains_in_both_eyes_and_in_one_alone():
