@@ -9,17 +9,22 @@ import numpy as np
 from numba import njit
 
 from pipeline.compiled import LEAN, OPTIONS
-from pipeline.reconstruction import kernels
+from pipeline.reconstruction.kernels import (
+    FLAGS,
+    LANDED,
+    OBSERVED,
+    VALUE,
+    WEIGHT,
+    X,
+    Y,
+    land_regular,
+    land_rows,
+)
 from pipeline.reconstruction.rows import blur_ring, blur_row, make_lines, make_room, whole
-from pipeline.reconstruction.tables import bytes_at, floats_at
+from pipeline.reconstruction.tables import bytes_at, floats_at, points_at
 
 NO_WEIGHT = np.float32(1e38)
 """Excess of a pixel that shall have no weight: none is left of it in 32 bits, without a branch."""
-
-
-OBSERVED, FLAGS = kernels.WEIGHT + 1, kernels.WEIGHT + 2
-"""Of the images of an observation's row of a table, beside those of :data:`kernels.WEIGHT`: what is
-observed, grey levels, and the flags, uint8."""
 
 
 @njit(**OPTIONS)
@@ -32,8 +37,9 @@ def weigh_views(
     Parameters
     ----------
     observations : Table
-        See :data:`FLAGS`. Values are what is predicted, NaN where there is nothing to compare; in
-        its place comes what is observed beyond it. Flags are changed in place, weights overwritten.
+        See ``kernels.FLAGS``. Values are what is predicted, NaN where there is nothing to compare;
+        in its place comes what is observed beyond it. Flags are changed in place, weights
+        overwritten.
     lo, hi : int
         Views that are looked at, half-open.
     reference : int
@@ -56,45 +62,127 @@ def weigh_views(
     agreeing : (N,) float64
         What the mean of each view's weights would be without doubt; overwritten.
     """
+    nowhere, unknown = np.empty((0, 0, 2), np.float32), np.empty((0, 0), np.float32)
+    to_hr = (np.float32(1), np.float32(0), np.float32(1), np.float32(0))
     for number in range(lo, hi):
-        predicted = floats_at(observations, number, kernels.VALUE)
-        observed = floats_at(observations, number, OBSERVED)
         if number == reference:
-            for y in range(predicted.shape[0]):
-                _subtract_from(observed[y], predicted[y])
+            _subtract_all(observations, number)
             continue
-        weights = floats_at(observations, number, kernels.WEIGHT)
-        flags = bytes_at(observations, number, FLAGS)
-        width, lines, around = predicted.shape[1], 2 * low_pass.size - 1, 2 * window.size - 1
-        total, count = _excesses(
-            predicted, observed, threshold, mark, impossible, largest, low_pass, window, expected,
-            tolerated, flags, weights,
-            make_lines(lines, whole(width)), make_lines(around, whole(width)),
-            make_room(width, max(low_pass.size, window.size) - 1),
-            make_lines(1, whole(width))[0, :width],
+        agreeing[number] = _weigh_view(
+            observations, number, threshold, mark, impossible, largest, low_pass, window, expected,
+            tolerated, severity, doubt, unknown, nowhere, to_hr, np.empty(0, np.uint8), False,
         )  # fmt: skip
-        more = np.float32(doubt * max(total, 0.0) / max(count, 1.0))
-        free = 0.0
-        for y in range(predicted.shape[0]):
-            free += _weight(more, np.float32(tolerated), np.float32(severity), weights[y])
-        agreeing[number] = free / predicted.size
+
+
+@njit(**OPTIONS)
+def land_and_weigh(
+    coefficients, positions, to_hr, regular, landed, observations, lo, hi, reference, threshold,
+    mark, impossible, largest, low_pass, window, expected, tolerated, severity, doubt, agreeing,
+):  # fmt: skip
+    """Write where views land and what they would be, and do what :func:`weigh_views` does.
+
+    Row after row, while what is read stays in the caches.
+
+    Parameters
+    ----------
+    coefficients
+        As of ``kernels.sample_spline``.
+    positions : Table
+        Of their points on the LR grid.
+    to_hr, landed
+        See ``kernels.land_rows``.
+    regular
+        See ``kernels.gather_band``.
+    """
+    for number in range(lo, hi):
+        points = points_at(positions, number, 0)
+        if number in (reference, regular):
+            x, y = floats_at(observations, number, X), floats_at(observations, number, Y)
+            out, flags = (
+                floats_at(observations, number, VALUE),
+                bytes_at(observations, number, FLAGS),
+            )
+            if number == regular:
+                land_regular(coefficients, points, to_hr, x, y, out, flags, landed)
+            else:
+                land_rows(
+                    coefficients, points, to_hr, 0, out.shape[0], x, y, out,
+                    floats_at(observations, number, OBSERVED), flags, np.float32(threshold), landed,
+                )  # fmt: skip
+        if number == reference:
+            _subtract_all(observations, number)
+            continue
+        agreeing[number] = _weigh_view(
+            observations, number, threshold, mark, impossible, largest, low_pass, window, expected,
+            tolerated, severity, doubt, coefficients, points, to_hr, landed, number != regular,
+        )  # fmt: skip
 
 
 @njit(**LEAN)
+def _subtract_all(observations, number):
+    """Write what is observed beyond what is predicted in the place of that."""
+    predicted = floats_at(observations, number, VALUE)
+    observed = floats_at(observations, number, OBSERVED)
+    for y in range(predicted.shape[0]):
+        _subtract_from(observed[y], predicted[y])
+
+
+@njit(**OPTIONS)
+def _weigh_view(
+    observations, number, threshold, mark, impossible, largest, low_pass, window, expected,
+    tolerated, severity, doubt, coefficients, points, to_hr, landed, lands,
+):  # fmt: skip
+    """Write a view's weights; return what their mean would be without doubt.
+
+    Parameters
+    ----------
+    lands : bool
+        Whether its pixels are yet to be landed, see :func:`land_and_weigh`.
+    """
+    predicted = floats_at(observations, number, VALUE)
+    observed = floats_at(observations, number, OBSERVED)
+    weights = floats_at(observations, number, WEIGHT)
+    flags = bytes_at(observations, number, FLAGS)
+    width, lines, around = predicted.shape[1], 2 * low_pass.size - 1, 2 * window.size - 1
+    total, count = _excesses(
+        predicted, observed, threshold, mark, impossible, largest, low_pass, window, expected,
+        tolerated, flags, weights,
+        make_lines(lines, whole(width)), make_lines(around, whole(width)),
+        make_room(width, max(low_pass.size, window.size) - 1),
+        make_lines(1, whole(width))[0, :width],
+        coefficients, points, to_hr, floats_at(observations, number, X),
+        floats_at(observations, number, Y), landed, lands,
+    )  # fmt: skip
+    more = np.float32(doubt * max(total, 0.0) / max(count, 1.0))
+    free = 0.0
+    for y in range(predicted.shape[0]):
+        free += _weight(more, np.float32(tolerated), np.float32(severity), weights[y])
+    return free / predicted.size
+
+
+@njit(**OPTIONS)
 def _excesses(
     predicted, observed, threshold, mark, impossible, largest, low_pass, window, expected,
-    tolerated, flags, excesses, passed, squares, room, line,
+    tolerated, flags, excesses, passed, squares, room, line, coefficients, points, to_hr, along,
+    down, landed, lands,
 ):  # fmt: skip
     """Write each pixel's excess, or NO_WEIGHT; return what :func:`_sum_cut_off` does of all."""
     height, width = predicted.shape
     reach, reach_around = low_pass.size - 1, window.size - 1
     lines, around = passed.shape[0], squares.shape[0]
     total, count = 0.0, 0.0
-    next_passed = next_square = np.int64(0)  # typed: a literal has what it goes to compiled twice
+    # typed: a literal has what it goes to compiled twice
+    next_landed = next_passed = next_square = np.int64(0)
     for y in range(height):
         while next_square < min(height, y + reach_around + 1):
             v = next_square
             while next_passed < min(height, v + reach + 1):
+                if lands and next_passed == next_landed:
+                    next_landed = min(height, next_passed + LANDED)
+                    land_rows(
+                        coefficients, points, to_hr, next_passed, next_landed, along, down,
+                        predicted, observed, flags, np.float32(threshold), landed,
+                    )  # fmt: skip
                 _bounded(
                     predicted[next_passed], observed[next_passed], np.float32(largest),
                     np.float32(threshold), mark, flags[next_passed], line,

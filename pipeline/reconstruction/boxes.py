@@ -33,7 +33,7 @@ from pipeline.reconstruction.system import HrImage, spline_coefficients
 from pipeline.reconstruction.tables import Table, bytes_at, floats_at
 
 X, Y, BEYOND, WEIGHT, OBSERVED = range(5)
-"""Of the numbers of a view's pixels: in the order of a table's images, see ``agreement.FLAGS``."""
+"""Of the numbers of a view's pixels: in the order of a table's images, see ``kernels.FLAGS``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,7 +145,7 @@ def _table_of(
     plane = numbers.strides[0]
     for number in range(len(numbers)):
         table[:, number] = numbers.ctypes.data + plane * number + numbers.itemsize * first
-    table[:, agreement.FLAGS] = flags.ctypes.data + first
+    table[:, kernels.FLAGS] = flags.ctypes.data + first
     table[:, -2] = sizes[:, 1] - sizes[:, 0]
     table[:, -1] = sizes[:, 3] - sizes[:, 2]
     return table
@@ -171,8 +171,8 @@ def _cut_and_weigh(
     for number in range(some.size):
         x, y = floats_at(table, number, kernels.X), floats_at(table, number, kernels.Y)
         predicted = floats_at(table, number, kernels.VALUE)
-        observed = floats_at(table, number, agreement.OBSERVED)
-        flags = bytes_at(table, number, agreement.FLAGS)
+        observed = floats_at(table, number, kernels.OBSERVED)
+        flags = bytes_at(table, number, kernels.FLAGS)
         height = predicted.shape[0]
         for top in range(0, height, kernels.LANDED):
             bottom = min(top + kernels.LANDED, height)

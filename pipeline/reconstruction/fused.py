@@ -180,6 +180,9 @@ class FusedResult:
     residuals: tuple[float, ...]
     """RMS of the weighted residual after each round, grey levels."""
     stop_reason: str
+    phases: tuple[float, float] | None = None
+    """Share of HR pixels on which trusted pixels of the reference land, and of all views, 0..1,
+    where that was told on the way, see ``coverage``."""
 
 
 def initial_estimate(reference: GreyImage, grid: Grid) -> HrImage:
@@ -374,7 +377,7 @@ def weigh_by_agreement(
     Parameters
     ----------
     observations : Table
-        See ``agreement.FLAGS``: changed in place.
+        See ``kernels.FLAGS``: changed in place.
     some : (int, int)
         Those that are looked at, half-open.
     reference : int
@@ -552,6 +555,7 @@ def fuse(
         for index, view in enumerate(registered)
     ]
     flags = [view.flags.copy() for view in registered]
+    phases = None
     if not is_alone:
         coefficients = begun.coefficients
         if coefficients is None:
@@ -559,7 +563,7 @@ def fuse(
         is_correctable = learned is not None and noise >= CORRECTED_FROM
         observed = [np.ascontiguousarray(view.observed) for view in registered]
         beyond = [np.empty_like(image) for image in observed]
-        agreeing = np.ones(len(registered))
+        agreeing, is_corrected = np.ones(len(registered)), [False] * len(registered)
 
         def row(index: int) -> tuple[npt.NDArray, ...]:
             return *points[index], beyond[index], weights[index], observed[index], flags[index]
@@ -575,16 +579,24 @@ def fuse(
         # the reference's own pixels, as a rule
         is_regular = bool(positions) and kernels.lies_as_itself(positions[reference][0])
         regular = reference if is_regular else -1
+        # what lands elsewhere in the end is not told here
+        tells = judged and is_regular and len(positions) == len(registered)
+        landed = np.zeros(coefficients.size if tells else 0, np.uint8)
+
+        terms = agreement_terms(noise, len(registered) - 1, tuning, residual_threshold)
 
         def weigh(some: tuple[int, int], *, lands: bool) -> None:
             if lands:
-                kernels.land_and_sample(coefficients, of_positions, *to_hr, regular, table, *some)
+                agreement.land_and_weigh(
+                    coefficients, of_positions, to_hr, regular, landed, table, *some, reference,
+                    *terms, agreeing,
+                )  # fmt: skip
             else:
                 kernels.sample_views(coefficients, table, *some)
-            weigh_by_agreement(
-                table, some, reference, noise, len(registered) - 1, tuning, residual_threshold,
-                agreeing,
-            )  # fmt: skip
+                weigh_by_agreement(
+                    table, some, reference, noise, len(registered) - 1, tuning, residual_threshold,
+                    agreeing,
+                )  # fmt: skip
 
         def weigh_and_correct(some: tuple[int, int]) -> None:
             weigh(some, lands=bool(positions))
@@ -596,10 +608,14 @@ def fuse(
                         coefficients, points[index], view.observed, noise, grid, tuning.corrections
                     )
                     np.copyto(flags[index], view.flags)
+                    is_corrected[index] = True
                     table[index] = table_of([row(index)])
                     weigh((index, index + 1), lands=False)
 
         map_threads(weigh_and_correct, system.shares_of(len(registered)))
+        if tells and not any(is_corrected):
+            filled = np.count_nonzero(flags[reference] == 0), np.count_nonzero(landed[1:])
+            phases = filled[0] / estimate.size, filled[1] / estimate.size
         system.gather_table(table, estimate, regular, to_hr)
         estimate = solve(estimate, tuning.together, most_steps, tuning.stretch)
     residuals: tuple[float, ...] = ()
@@ -617,6 +633,7 @@ def fuse(
         iterations=system.steps,
         residuals=residuals,
         stop_reason=stop_reason,
+        phases=phases,
     )
 
 

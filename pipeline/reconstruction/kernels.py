@@ -20,7 +20,7 @@ from pipeline.reconstruction.simd import (
     part_wide,
     sample_eight,
 )
-from pipeline.reconstruction.tables import floats_at, points_at
+from pipeline.reconstruction.tables import floats_at
 
 SMALLEST_WEIGHT = 0.01
 """Observations of no more weight are not worth their time."""
@@ -31,13 +31,17 @@ MOST = (255.0, 65535.0)
 KEPT = 2
 """HR rows of sums that one tile hands on to the next."""
 
-LANDED = 16
-"""LR rows whose points are worked out before there is sampled: they stay in the second cache."""
+LANDED = 8
+"""LR rows that are landed and sampled before they are weighed: they stay in the second cache."""
 
 
 X, Y, VALUE, WEIGHT = range(4)
 """Of the images of an observation's row of a table: its landing points, HR pixels, what is observed
 there, grey levels, and its weight; one up to ``SMALLEST_WEIGHT`` leaves the pixel out."""
+
+OBSERVED, FLAGS = WEIGHT + 1, WEIGHT + 2
+"""Beside those, where values are not yet what is observed: that, grey levels, and the flags, uint8.
+"""
 
 
 @njit(**LEAN)
@@ -449,34 +453,48 @@ def _weigh_every(row, step, taps, out):
 
 
 @njit(**OPTIONS)
-def land_and_sample(
-    coefficients, positions, magnification_x, offset_x, magnification_y, offset_y, regular,
-    observations, lo, hi,
-):  # fmt: skip
-    """Write where observations land, and do what :func:`sample_views` does, rows by rows.
+def land_rows(coefficients, points, to_hr, lo, hi, x, y, out, observed, flags, threshold, landed):
+    """Write where pixels of some LR rows land, and do what :func:`sample_spline` does.
 
     Parameters
     ----------
-    positions : Table
-        Of their points on the LR grid.
-    regular
-        See :func:`gather_band`.
+    points : (H, W, 2) float32
+        LR pixels of the reference.
+    to_hr : (float32, float32, float32, float32)
+        What their coordinates are multiplied by on the HR grid and what is added, x and y.
+    lo, hi : int
+        The rows, half-open.
+    x, y, out : (H, W) float32
+    observed : (H, W) float32
+    flags : (H, W) uint8
+    threshold : float32
+        Pixels predicted worse are not trusted, grey levels.
+    landed : (size of the coefficients,) uint8
+        HR pixels, counted as those are, on which a trusted pixel lands are marked, the first of
+        all with them; or empty.
     """
-    for number in range(lo, hi):
-        points, out = points_at(positions, number, 0), floats_at(observations, number, VALUE)
-        x, y = floats_at(observations, number, X), floats_at(observations, number, Y)
-        if number == regular:
-            split_points(
-                points, magnification_x, offset_x, magnification_y, offset_y, 0, out.shape[0], x, y
-            )
-            sample_regular(coefficients, magnification_x, offset_x, magnification_y, offset_y, out)
-            continue
-        for top in range(0, out.shape[0], LANDED):
-            bottom = min(top + LANDED, out.shape[0])
-            split_points(
-                points, magnification_x, offset_x, magnification_y, offset_y, top, bottom, x, y
-            )
-            sample_spline(coefficients, x, y, top, bottom, out)
+    split_points(points, *to_hr, lo, hi, x, y)
+    _sample_and_mark(coefficients, x, y, lo, hi, out, observed, flags, threshold, landed)
+
+
+@njit(**OPTIONS)
+def land_regular(coefficients, points, to_hr, x, y, out, flags, landed):
+    """Do what :func:`land_rows` does of all pixels where they lie as those of the LR grid do."""
+    split_points(points, *to_hr, 0, out.shape[0], x, y)
+    sample_regular(coefficients, *to_hr, out)
+    if landed.size > 0:
+        _mark_regular(flags, *to_hr, landed.reshape(coefficients.shape))
+
+
+@njit(**LEAN)
+def _mark_regular(flags, magnification_x, offset_x, magnification_y, offset_y, landed):
+    """Mark where trusted pixels land that lie as those of the LR grid do."""
+    half = np.float32(0.5)
+    step, first = np.int64(magnification_x), np.int64(offset_x + half) + 1
+    for row in range(flags.shape[0]):
+        line = landed[np.int64(magnification_y * np.float32(row) + offset_y + half) + 1]
+        for column in range(flags.shape[1]):
+            line[first + step * column] |= np.uint8(flags[row, column] == 0)
 
 
 @njit(**OPTIONS)
@@ -509,6 +527,26 @@ def sample_spline(coefficients, position_x, position_y, row_lo, row_hi, out):
     out : (H, W) float32
         Rows ``row_lo`` to ``row_hi`` (LR rows) are overwritten.
     """
+    no_flags, nowhere = np.empty((0, 0), np.uint8), np.empty(0, np.uint8)
+    _sample_and_mark(
+        coefficients, position_x, position_y, row_lo, row_hi, out, out, no_flags, np.float32(0),
+        nowhere,
+    )  # fmt: skip
+
+
+@njit(**OPTIONS)
+def _sample_and_mark(
+    coefficients, position_x, position_y, row_lo, row_hi, out, observed, flags, threshold, landed
+):  # fmt: skip
+    """Do what :func:`sample_spline` does, and mark where trusted pixels land.
+
+    Parameters
+    ----------
+    observed : (H, W) float32
+    flags : (H, W) uint8
+    threshold, landed
+        See :func:`land_rows`.
+    """
     columns = out.shape[1]
     height, width = coefficients.shape[0] - 4, coefficients.shape[1] - 4
     flat, pitch = coefficients.reshape(-1), coefficients.shape[1]
@@ -527,6 +565,18 @@ def sample_spline(coefficients, position_x, position_y, row_lo, row_hi, out):
             seen = out[row, start:end]
             for k in range(seen.size):
                 seen[k] = line[k] if places[k] > 0 else nothing
+            if landed.size > 0:
+                _distrust(seen, observed[row, start:end], flags[row, start:end], threshold, places)
+                for k in range(seen.size):
+                    landed[np.uint32(places[k])] = np.uint8(1)
+
+
+@njit(**LEAN)
+def _distrust(seen, observed, flags, threshold, places):
+    """Make the places zero of pixels that are flagged, or predicted worse than the threshold."""
+    for k in range(seen.size):
+        is_trusted = (flags[k] == 0) & (not abs(seen[k] - observed[k]) > threshold)
+        places[k] = places[k] if is_trusted else np.int32(0)
 
 
 @njit(**LEAN)

@@ -180,20 +180,7 @@ def _report(
     start: StartChoice,
 ) -> TargetReport:
     """Return what is said of a target that is made of these views."""
-    settings, grid = frame.settings, frame.settings.grid
-    filled = nothing_filled(grid, frame.frame.lr_shape)
-    own_phases, all_phases = (
-        phase_coverage(
-            [view.position for view in registered if view.is_reference == is_own],
-            [
-                flags == 0
-                for view, flags in zip(registered, solved.flags, strict=True)
-                if view.is_reference == is_own
-            ],
-            grid, frame.frame.lr_shape, filled=filled,
-        )
-        for is_own in (True, False)
-    )  # fmt: skip
+    own_phases, all_phases = solved.phases or _phases(frame, registered, solved)
     reports = tuple(
         view_report(view, flags, weight, misfit)
         for view, flags, weight, misfit in zip(
@@ -206,12 +193,33 @@ def _report(
         phase_coverage=100 * all_phases,
         phase_coverage_reference=100 * own_phases,
         remark=remark_of(reports, registered, 100 * (all_phases - own_phases)),
-        solver=settings.solver,
+        solver=frame.settings.solver,
         iterations=solved.iterations,
         stop_reason=solved.stop_reason,
         residuals=solved.residuals,
         start=start,
     )
+
+
+def _phases(
+    frame: RegisteredFrame, registered: Sequence[RegisteredView], solved: FusedResult
+) -> tuple[float, float]:
+    """Return which share of a target's phases its own trusted pixels fill, and all views'."""
+    grid, lr_shape = frame.settings.grid, frame.frame.lr_shape
+    filled = nothing_filled(grid, lr_shape)
+    own_phases, all_phases = (
+        phase_coverage(
+            [view.position for view in registered if view.is_reference == is_own],
+            [
+                flags == 0
+                for view, flags in zip(registered, solved.flags, strict=True)
+                if view.is_reference == is_own
+            ],
+            grid, lr_shape, filled=filled,
+        )
+        for is_own in (True, False)
+    )  # fmt: skip
+    return own_phases, all_phases
 
 
 def _debug(
