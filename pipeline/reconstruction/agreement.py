@@ -106,7 +106,7 @@ def land_and_weigh(
                 land_regular(coefficients, points, to_hr, x, y, out, flags, landed)
             else:
                 land_rows(
-                    coefficients, points, to_hr, 0, out.shape[0], x, y, out,
+                    coefficients, points, to_hr, np.int64(0), out.shape[0], x, y, out,
                     floats_at(observations, number, OBSERVED), flags, np.float32(threshold), landed,
                 )  # fmt: skip
         if number == reference:

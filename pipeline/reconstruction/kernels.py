@@ -480,7 +480,8 @@ def land_rows(coefficients, points, to_hr, lo, hi, x, y, out, observed, flags, t
 @njit(**OPTIONS)
 def land_regular(coefficients, points, to_hr, x, y, out, flags, landed):
     """Do what :func:`land_rows` does of all pixels where they lie as those of the LR grid do."""
-    split_points(points, *to_hr, 0, out.shape[0], x, y)
+    first = np.int64(0)  # typed: a literal has what it goes to compiled twice
+    split_points(points, *to_hr, first, out.shape[0], x, y)
     sample_regular(coefficients, *to_hr, out)
     if landed.size > 0:
         _mark_regular(flags, *to_hr, landed.reshape(coefficients.shape))

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.compiled import LEAN, OPTIONS
+from pipeline.compiled import LEAN, OPTIONS, PUT_IN_PLACE
 from pipeline.reconstruction.half_pixels import (
     COEFFICIENTS,
     LEAD,
@@ -28,7 +28,6 @@ from pipeline.reconstruction.half_pixels import (
     start_of,
 )
 from pipeline.reconstruction.rows import (
-    blur_ring,
     blur_room,
     blur_row,
     blur_two,
@@ -225,7 +224,7 @@ def _row_plus(image, beyond, row, lo, hi, factor, second, out):
         _combine(image[row], factor, second, out)
 
 
-@njit(**LEAN)
+@njit(**PUT_IN_PLACE)
 def _keep_row(row, out):
     """Copy a row; see ``simd.plus_wide`` for how either may be kept."""
     size = row.size
@@ -236,7 +235,7 @@ def _keep_row(row, out):
         move_one(row, out, x)
 
 
-@njit(**LEAN)
+@njit(**PUT_IN_PLACE)
 def _combine(first, factor, second, out):
     if factor == 0:  # the other may hold anything
         _keep_row(first, out)
@@ -581,37 +580,29 @@ def _advance(step, direction, more, towards, level, lo, hi, estimate, out, room)
 @njit(**OPTIONS)
 def blur_band(image, taps_x, taps_y, lo, hi, margin, out):
     """Write the blurred image into rows ``lo`` to ``hi`` of float32, with so many pixels around."""
-    width, lines = image.shape[1], 2 * taps_y.size - 1
-    _blur_band(
-        image, taps_x, taps_y, lo, hi, margin, out, make_lines(lines, whole(width)),
-        make_room(width, taps_x.size - 1),
-    )  # fmt: skip
-
-
-@njit(**LEAN)
-def _blur_band(image, taps_x, taps_y, lo, hi, margin, out, blurred, room):
-    height, width = image.shape
-    reach, lines = taps_y.size - 1, blurred.shape[0]
-    end_blurred, next_blurred = min(height, hi + reach), max(0, lo - reach)
-    for y in range(lo, hi):
-        while next_blurred < min(end_blurred, y + reach + 1):
-            blur_row(image[next_blurred], taps_x, room, blurred[next_blurred % lines])
-            next_blurred += 1
-        blur_ring(blurred, y, taps_y, height, width, out[y + margin, margin:])
+    _blur_band(image, taps_x, taps_y, lo, hi, margin, out, _blur_rooms(image, taps_x, taps_y))
 
 
 @njit(**OPTIONS)
 def blur_kept(image, taps_x, taps_y, lo, hi, out):
     """Write the blurred image into rows ``lo`` to ``hi`` of one that is kept."""
-    width, lines = image.shape[1], 2 * taps_y.size
-    _blur_kept(
-        image, taps_x, taps_y, lo, hi, out, make_lines(lines, whole(width)),
-        make_room(width, taps_x.size - 1), make_lines(2, whole(width)),
+    around = np.int64(0)  # typed: a literal has what it goes to compiled twice
+    _blur_band(image, taps_x, taps_y, lo, hi, around, out, _blur_rooms(image, taps_x, taps_y))
+
+
+@njit(**PUT_IN_PLACE)
+def _blur_rooms(image, taps_x, taps_y):
+    """Return a ring of rows that are blurred along x, room for one, and for two results."""
+    width = image.shape[1]
+    return (
+        make_lines(2 * taps_y.size, whole(width)), make_room(width, taps_x.size - 1),
+        make_lines(2, whole(width)),
     )  # fmt: skip
 
 
-@njit(**LEAN)
-def _blur_kept(image, taps_x, taps_y, lo, hi, out, blurred, room, two):
+@njit(**PUT_IN_PLACE)
+def _blur_band(image, taps_x, taps_y, lo, hi, margin, out, rooms):
+    blurred, room, two = rooms
     height, width = image.shape
     reach, lines = taps_y.size - 1, blurred.shape[0]
     end_blurred, next_blurred = min(height, hi + reach), max(0, lo - reach)
@@ -621,7 +612,7 @@ def _blur_kept(image, taps_x, taps_y, lo, hi, out, blurred, room, two):
             next_blurred += 1
         blur_two(blurred, y, taps_y, height, width, two)
         for row in range(y, min(y + 2, hi)):
-            _keep_row(two[row - y, :width], out[row])
+            _keep_row(two[row - y, :width], out[row + margin, margin:])
 
 
 @njit(**LEAN)
