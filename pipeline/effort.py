@@ -37,7 +37,8 @@ class Effort:
     by_depth: bool = False
     """True, with ``register`` false: what has changed since then lands by its depth map, which is
     looked at for that, and not by motions of what was there before. Where nothing can land so, the
-    frame is registered in full."""
+    frame is registered in full, but after a cut: then each view is made of itself alone until there
+    are motions again."""
 
     in_turn: bool = False
     """True, with ``register`` false: of two eyes one is made of other views where it changes, in

@@ -225,8 +225,7 @@ class Rung:
     @property
     def keeps_motions(self) -> bool:
         """Whether what was registered of earlier frames is used, and nothing is registered."""
-        effort = self.effort
-        return not (effort.registers or effort.by_depth) and effort.refresh_every is not None
+        return not self.effort.registers and self.effort.refresh_every is not None
 
     def __str__(self) -> str:
         effort = self.effort
@@ -588,6 +587,16 @@ class Controller:
         is_due = self._unfound >= SELDOM and left >= 0
         return is_due or self._step - left <= LATE * self.budget
 
+    def may_find_more(self, left: float) -> bool:
+        """Return whether another step is likely to end before the next frame is due.
+
+        Parameters
+        ----------
+        left : float
+            Seconds until then.
+        """
+        return self._step <= left
+
     def has_found(self, seconds: float) -> None:
         """Learn what a step of finding them took."""
         self._unfound, self._step = 0, max(self._step, seconds)
@@ -732,6 +741,8 @@ def find_motions(
 ) -> None:
     """Find some motions anew after a frame, if any are missing and there is time.
 
+    Further steps follow as long as each should end before the next frame is due.
+
     Parameters
     ----------
     left : float
@@ -740,9 +751,15 @@ def find_motions(
         Seconds.
     """
     if finder.finds_motions and controller.may_find(left):
-        begin = clock()
-        finder.find_more()
-        controller.has_found(clock() - begin)
+        end = clock()
+        due = end + left
+        while True:
+            begin = end
+            finder.find_more()
+            end = clock()
+            controller.has_found(end - begin)
+            if not (finder.finds_motions and controller.may_find_more(due - end)):
+                break
     controller.look_at(finder)
 
 

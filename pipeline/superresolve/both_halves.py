@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from pipeline.config import Settings, Solver
 from pipeline.effort import FULL, Effort
@@ -78,7 +79,9 @@ def superresolve(
         if swift is not None:
             return swift
     if effort.by_depth:
-        effort = FULL
+        # where a cut has left no motions, none are found within the frame
+        is_lacking = memory is not None and memory.lacks_motions
+        effort = replace(effort, by_depth=False) if is_lacking else FULL
     if not effort.registers:
         return restore_frame(
             frame, settings, targets=targets, psf=psf, stop=stop, memory=memory, effort=effort

@@ -116,7 +116,8 @@ def swift_frame(
     Parameters
     ----------
     effort : Effort, optional
-        Where a rate is held: then one registered frame is enough, and none has its turn.
+        Where a rate is held: then one registered frame is enough, and none has its turn. Where much
+        has changed, the memory lacks motions then.
     """
     is_held = effort is not None
     if not is_held and (
@@ -143,7 +144,9 @@ def swift_frame(
         lags = memory.seen.lags(targets) or (not is_held and memory.seen.begins_to_lag(targets))
         if memory.seen.is_quieter or drifts or jumps or lags or max(shares) > MUCH_CHANGED:
             memory.seen = before
-            if lags:
+            if is_held and max(shares) > MUCH_CHANGED:
+                memory.move_on()
+            elif lags:
                 memory.solve_again()
             return None
         memory.land(averaged, near)

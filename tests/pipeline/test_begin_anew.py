@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.config import Settings
-from pipeline.effort import Effort
+from pipeline.effort import SWIFT, Effort
 from pipeline.metrics import psnr
 from pipeline.realtime import ANEW, GOES_ON, PATIENCE, SELDOM, Controller, find_motions, paced
 from pipeline.synthetic import SampleScene
@@ -17,6 +17,7 @@ from pipeline.worker import Worker
 RATE = 10.0
 BUDGET = 1 / RATE
 KEPT = Effort(register=False, steps=2, refresh_every=8, in_turn=True)
+BY_DEPTH = replace(SWIFT, steps=3, views=3, in_turn=True)
 EYES = ("cam1", "cam2")
 CUT = 4
 """First frame of the other picture."""
@@ -60,6 +61,30 @@ def test_a_cut_leaves_motions_that_are_missing_until_they_are_found_anew(frames)
         steps += 1
     assert steps > 3, "none takes long"
     assert not worker.lacks_motions
+
+
+@pytest.mark.parametrize("effort", [SWIFT, BY_DEPTH])
+def test_where_what_changes_lands_by_its_depth_a_cut_registers_no_frame_in_full(frames, effort):
+    worker, told, made = _worker(), [], []
+    for number, frame in enumerate(frames):
+        result = worker.take(frame, effort=effort if number else Effort())
+        told.append(worker.lacks_motions)
+        made.append(result.report.effort)
+        if number == CUT + 3:
+            worker.begin_anew(frame, effort)
+        if worker.finds_motions:
+            worker.find_more()
+            worker.find_more()
+    found = told.index(False, CUT)
+    assert told == [CUT <= number < found for number in range(len(frames))]
+    assert found < len(frames) - 2
+    assert made[1:CUT] == [effort] * (CUT - 1)
+    assert made[CUT:found] == [replace(effort, by_depth=False)] * (found - CUT)
+    assert made[found:] == [effort] * (len(frames) - found), "of motions found anew"
+    full = _worker()
+    for number, frame in enumerate(frames[CUT:], CUT):
+        wanted = full.take(frame, effort=effort if number > CUT else Effort())
+    assert _quality(result, frames[-1]) > _quality(wanted, frames[-1]) - 0.3
 
 
 def test_what_is_found_step_by_step_is_what_is_found_in_one_go(frames):
@@ -167,6 +192,8 @@ class _Stream:
                 self.lacks_motions, self.left = False, 0
             # so that the stream is on the first rung that keeps motions
             dear = {0: 6.0, 1: 6.0, 2: 6.0, 3: 1.7, 4: 1.6}
+            if self.lacks_motions:
+                dear |= {3: self.without, 4: self.without}
             cheap = self.without if self.lacks_motions else self.kept
             self.now += BUDGET * dear.get(choice.level, cheap * 0.9 ** (choice.level - 5))
             controller.look_at(self)
@@ -188,6 +215,14 @@ def test_after_a_cut_motions_are_found_in_time_that_is_left_and_no_frame_is_drop
     assert not any(choice.drop for choice in choices[50:])
     assert max(choice.late for choice in choices[50:]) < PATIENCE * BUDGET / 2
     assert {choice.level for choice in choices[anew + 20 :]} <= set(range(before, before + 4))
+
+
+def test_where_much_time_is_left_several_steps_follow_one_frame_and_none_is_late_by_it():
+    stream = _Stream(cuts={100}, without=0.3, step=0.3)
+    choices = stream.run(300)
+    assert len(stream.steps) == 8
+    assert len(set(stream.steps)) <= 5
+    assert max(choice.late for choice in choices[50:]) <= 1e-9
 
 
 def test_where_no_time_is_left_motions_are_found_all_the_same_but_seldom():

@@ -173,17 +173,26 @@ def test_depth_is_asked_of_no_view_that_what_changes_is_not_made_of():
     assert _mean_score(whole, 4) > _mean_score(cold, 4) - 0.05
 
 
-@pytest.mark.parametrize("lost", ["nothing is known", "cut"])
-def test_where_a_rate_is_held_and_nothing_can_land_a_frame_is_registered(lost, quiet):
+def test_where_a_rate_is_held_and_nothing_is_known_a_frame_is_registered(quiet):
     worker = _worker("warm")
-    first = quiet[0] if lost == "cut" else None
-    if first is not None:
-        worker.take(first)
+    found = worker.take(_turned(quiet[4]), effort=SWIFT)
+    assert found.report.effort.is_full
+    assert _is_swift(worker.take(_turned(quiet[5]), effort=SWIFT))
+
+
+def test_where_a_rate_is_held_a_frame_after_a_cut_is_made_of_each_view_alone(quiet):
+    worker, alone = _worker("warm"), _worker("warm")
+    worker.take(quiet[0])
     turned = _turned(replace(quiet[4], frame_index=1))
     found = worker.take(turned, effort=SWIFT)
-    assert found.report.effort.is_full
-    again = worker.take(_turned(replace(quiet[5], frame_index=2)), effort=SWIFT)
-    assert _is_swift(again)
+    assert not found.report.effort.registers
+    assert not _is_swift(found)
+    assert worker.lacks_motions
+    wanted = alone.take(turned, effort=Effort(alone=True))
+    for name, image in found.images.items():
+        away = np.abs(image.luma - wanted.images[name].luma)
+        # the little that has not changed by chance stays
+        assert away.mean() < 0.02
 
 
 def _small_and_fast(quiet, number):

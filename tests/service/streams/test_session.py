@@ -216,13 +216,20 @@ def test_a_source_faster_than_the_machine_loses_frames_and_quality_but_goes_on(n
     assert sum(status["frames_by_effort"].values()) == status["frames_done"]
 
 
-def test_after_a_cut_motions_are_found_anew_between_frames(network, tmp_path, monkeypatch):
+@pytest.mark.parametrize("by_depth", [False, True])
+def test_after_a_cut_motions_are_found_anew_between_frames(
+    by_depth, network, tmp_path, monkeypatch
+):
     scenes = []
     for seed in (0, 5):
         scene = SampleScene(width=96, height=72, num_views=3, seed=seed)
         scenes.append(tmp_path / str(seed))
         write_scene(scenes[-1], scene, num_frames=20)
-    kept = next(level for level, rung in enumerate(ladder(3, has_depth=True)) if rung.keeps_motions)
+    kept = next(
+        level
+        for level, rung in enumerate(ladder(3, has_depth=True))
+        if rung.keeps_motions and rung.effort.by_depth is by_depth
+    )
     end, find = Controller.end, StreamSession._find_motions
 
     def end_on_the_rung(controller, *arguments):
@@ -241,6 +248,7 @@ def test_after_a_cut_motions_are_found_anew_between_frames(network, tmp_path, mo
     # whatever the machine is busy with: no frame is late, and each is followed by a step
     monkeypatch.setattr(realtime, "PATIENCE", np.inf)
     monkeypatch.setattr(Controller, "may_find", lambda controller, left: True)
+    monkeypatch.setattr(Controller, "may_find_more", lambda controller, left: False)
     told = []
 
     with (
