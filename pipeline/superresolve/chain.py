@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pipeline.config import Settings
 from pipeline.frames import MultiViewFrame
 from pipeline.superresolve.memory import Memory
+from pipeline.temporal.alike import DOUBTED, LITTLE, MOST, MUCH
 from pipeline.temporal.initial import BlockMatch
 from pipeline.temporal.lagging import has_few_tiles
 from pipeline.temporal.still import Still, first_seen
@@ -100,11 +101,16 @@ def continued(
         memory.move()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
     averaged = memory.seen.averaged(frame, noise)
+    alike = memory.found_alike(frame, targets) if matches and frame.is_coded else None
+    behind = 0.0 if alike is None else alike.share_behind
+    if alike is not None and behind <= MUCH and alike.way_on > LITTLE:
+        averaged = memory.seen.moved_on_to(frame, alike.way_on)
     if (
         matches
         and is_small
         and (
             drifts
+            or behind > MUCH
             or memory.seen.lags(targets)
             or _changes_in_place(memory, matches, IN_PLACE_OF_FEW)
         )
@@ -113,13 +119,15 @@ def continued(
         memory.begin_apart()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
         averaged = frame
-    elif matches and memory.seen.lags_all_over(targets):
+    elif behind > MOST or (matches and memory.seen.lags_all_over(targets)):
         has_moved = True
         memory.move()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
         averaged = memory.seen.averaged(frame, noise)
     if matches and (
-        _changes_in_place(memory, matches, IN_PLACE) or _changes_mostly(memory, matches)
+        behind > MUCH
+        or _changes_in_place(memory, matches, IN_PLACE)
+        or _changes_mostly(memory, matches)
     ):
         is_cut = True
         memory.begin_again()
@@ -127,6 +135,13 @@ def continued(
         averaged = memory.seen.averaged(frame, noise)
     elif matches and memory.seen.lags(targets):
         memory.stand_again()
+        if frame.is_coded:
+            # few steps from the frame before lose more than means of what stands still gain
+            matches = {}
+            memory.lag()
+    elif memory.doubts > 0:
+        matches = {}
+    memory.doubts = DOUBTED if behind > MUCH else max(memory.doubts - 1, 0)
     if averaged is frame:
         still = {target: first_seen(frame.view(target).luma) for target in targets}
     else:

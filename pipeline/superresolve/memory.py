@@ -17,6 +17,7 @@ from pipeline.registration.register import Previous
 from pipeline.superresolve.follow import Shown
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.superresolve.seen import Seen
+from pipeline.temporal.alike import Alike, Looked, differences_alike
 from pipeline.temporal.flow import Flow
 from pipeline.temporal.initial import BlockMatch, match_blocks
 from pipeline.temporal.moving import has_moved
@@ -28,6 +29,10 @@ STANDS = 0.5
 
 RIGHT = 0.5
 """How far patches may land from where depth maps say for these to be right, LR pixels."""
+
+LAGGED = 4
+"""Frames in which much of a coded picture has lagged behind until motions are found from scratch:
+those of before hold what is fitted anew, and noise hides that they misfit."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,6 +70,10 @@ class Memory:
         self.finding: Iterator[Previous | None] | None = None
         """What finds motions anew, step by step."""
         self.seen = Seen()
+        self._lagged = 0
+        """Frames in which much of the picture has lagged behind."""
+        self.doubts = 0
+        """Frames to come of which nothing is solved in few steps, see ``alike.DOUBTED``."""
         self._observed: dict[str, GreyImage] = {}
         self._missed: dict[str, Mask] = {}
         """By view, what has changed since something landed anew."""
@@ -133,6 +142,37 @@ class Memory:
             if still.is_drawn or still.lagging.any()
         }
         return None if self.previous is None else replace(self.previous, lagging=lagging)
+
+    def found_alike(self, frame: MultiViewFrame, targets: Sequence[str]) -> Alike | None:
+        """Return what the views of a frame just averaged tell of its means; None: nothing."""
+        if self.previous is None:
+            return None
+        registrations, still = self.previous.registrations, self.seen.still
+        lumas = {view.view_id: view.luma for view in frame.views}
+
+        def look(target: str) -> npt.NDArray[np.float64]:
+            others = [
+                Looked(
+                    luma=lumas[name], mean=still[name].mean, touched=still[name].touched,
+                    position=one.registered.position, flags=one.registered.flags,
+                    offset=one.offset,
+                )
+                for one in registrations.get(target, ())
+                for name in (one.registered.view_id,)
+                if name in lumas and name in still and not one.registered.is_reference
+            ]  # fmt: skip
+            own = still[target]
+            return differences_alike(lumas[target], own.mean, own.touched, others)
+
+        return Alike(np.add.reduce(map_threads(look, targets)))
+
+    def lag(self) -> None:
+        """Take note that much of a coded picture lags behind, and forget motions now and then."""
+        self._lagged += 1
+        if self._lagged % LAGGED == 0:
+            seen, lagged = self.seen, self._lagged
+            self.forget()
+            self.seen, self._lagged = seen, lagged
 
     def known_views(self) -> dict[str, tuple[list[RegisteredView], list[GreyImage]]]:
         """Return the views registered onto each target, as they were when last looked at.

@@ -37,6 +37,7 @@ from pipeline.superresolve.follow import Following, followable, leaders_of
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import colour_of
 from pipeline.superresolve.stages import Stages
+from pipeline.temporal.alike import LITTLE, MUCH
 from pipeline.threads import map_threads, set_threads, stoppable
 
 CHANGED = replace(
@@ -142,7 +143,19 @@ def swift_frame(
         averaged = memory.seen.averaged(frame, noise, is_held=is_held)
         shares = [memory.seen.still[target].share_touched for target in targets]
         lags = memory.seen.lags(targets) or (not is_held and memory.seen.begins_to_lag(targets))
-        if memory.seen.is_quieter or drifts or jumps or lags or max(shares) > MUCH_CHANGED:
+        asks_views = frame.is_coded and not is_held
+        alike = memory.found_alike(frame, targets) if asks_views else None
+        is_behind = alike is not None and alike.share_behind > MUCH
+        if alike is not None and not is_behind and alike.way_on > LITTLE:
+            averaged = memory.seen.moved_on_to(frame, alike.way_on)
+        if (
+            memory.seen.is_quieter
+            or drifts
+            or jumps
+            or lags
+            or is_behind
+            or max(shares) > MUCH_CHANGED
+        ):
             memory.seen = before
             if is_held and max(shares) > MUCH_CHANGED:
                 memory.move_on()

@@ -180,19 +180,37 @@ class Seen:
     ) -> MultiViewFrame:
         """Return the frame with what stands still averaged over the frames before.
 
-        Where a rate is held, a mean goes on though a codec has drawn the frame better.
+        Where a rate is held, a mean goes on though a codec has drawn the frame better; so it does
+        where the views are asked how far (:meth:`moved_on_to`).
         """
+        begins_anew = not (is_held or frame.is_coded)
 
         def seen(view: View) -> Still:
             before = self.still.get(view.view_id)
             if before is None:
                 return first_seen(view.luma, is_coded=self._coded.get(view.view_id, False))
-            return seen_again(view.luma, before, noise, begins_anew=not is_held)
+            return seen_again(view.luma, before, noise, begins_anew=begins_anew)
 
         found = map_threads(seen, frame.views)
         seen_now = {view.view_id: still for view, still in zip(frame.views, found, strict=True)}
         self.still = {**self.still, **seen_now}
         self._coded = self._coded | {name: still.is_coded for name, still in seen_now.items()}
+        views = [
+            replace(view, luma=still.mean) for view, still in zip(frame.views, found, strict=True)
+        ]
+        return replace(frame, views=tuple(views))
+
+    def moved_on_to(self, frame: MultiViewFrame, part: float) -> MultiViewFrame:
+        """Return a frame just averaged, its means moved a part of the way to its own pixels."""
+        kept = np.float32(1 - part)
+
+        def move(view: View) -> Still:
+            still = self.still[view.view_id]
+            mean = view.luma + kept * (still.mean - view.luma)
+            return replace(still, mean=mean, count=1 + kept * (still.count - 1))
+
+        found = map_threads(move, frame.views)
+        self.still |= {view.view_id: still for view, still in zip(frame.views, found, strict=True)}
         views = [
             replace(view, luma=still.mean) for view, still in zip(frame.views, found, strict=True)
         ]

@@ -328,8 +328,28 @@ def _all_softer(pictures, number):
     return [_slowly_softer(picture, picture, 2 * number) for picture in pictures]
 
 
+def _all_much_softer(pictures, number):
+    return [_slowly_softer(picture, picture, 4 * number) for picture in pictures]
+
+
 def _panned(pictures, number):
     return _aside(pictures, 2 * number)
+
+
+def _panned_slowly(pictures, number):
+    return _aside(pictures, number)
+
+
+def _jolted(pictures, number):
+    return _aside(pictures, 10 if number > 5 else 0)
+
+
+def _as_before(pictures, number):
+    return pictures
+
+
+def _half_gone(pictures, number):
+    return [_half_dissolving(picture, picture[::-1], number + 16) for picture in pictures]
 
 
 @pytest.mark.parametrize(
@@ -340,6 +360,12 @@ def _panned(pictures, number):
         (_panned, 4, 256, 18, None),
         # a picture is left as it was for some frames, and then drawn as it is
         (_all_softer, 6, 128, 28, NOISE),
+        # what it leaves in each view by itself hides what changes in all of them
+        (_all_much_softer, 3, 256, 28, NOISE),
+        (_panned_slowly, 14, 128, 23, NOISE),
+        (_jolted, 12, 128, 23, None),
+        (_as_before, 8, 128, 23, NOISE),
+        (_half_gone, 9, 256, 18, None),
     ],
 )
 def test_frames_that_a_codec_has_drawn_are_no_worse_than_cold(
@@ -362,7 +388,7 @@ def test_frames_that_a_codec_has_drawn_are_no_worse_than_cold(
         views = tuple(
             replace(view, luma=film[number]) for view, film in zip(still.views, films, strict=True)
         )
-        frame = replace(still, frame_index=number, views=views)
+        frame = replace(still, frame_index=number, views=views, is_coded=True)
         ours, other = warm.take(frame), cold.take(frame)
         for target, place in zip(TARGETS, scene.reference_views, strict=True):
             scores = [
@@ -397,7 +423,7 @@ def test_frames_that_a_codec_left_better_than_those_before_are_no_worse_than_col
         views = tuple(
             replace(view, luma=film[number]) for view, film in zip(still.views, films, strict=True)
         )
-        frame = replace(still, frame_index=number, views=views)
+        frame = replace(still, frame_index=number, views=views, is_coded=True)
         ours = chain.take(frame)
         if number < last - 1:
             continue
