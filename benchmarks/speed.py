@@ -69,6 +69,9 @@ class Plan:
     memory_sizes: tuple[Size, ...] = ((512, 384), (1024, 768))
     repeats: int = 5
     """Runs of a row, at most, that had the machine for themselves; figures are their medians."""
+    turns: int = 11
+    """The same of two solvers that take turns: their ratio is told, and the first runs of a process
+    take longer."""
     row_budget: float = 12.0
     """Seconds after which a row is not repeated."""
     threads: int = 2
@@ -88,6 +91,7 @@ QUICK = Plan(
     magnifications=(2, 3),
     memory_sizes=((96, 72),),
     repeats=1,
+    turns=1,
     row_budget=0,
     streams=(StreamPlan(size=(48, 36), num_views=3, rate=5, seconds=2),),
 )
@@ -331,7 +335,7 @@ class _Bench:
                 work = partial(solve, name, settings)
                 runs[name] += self._repeat(f"cold frame with {name}", work, 1, 0.0).all_runs
             alone = min(sum(not run.crowded for run in found) for found in runs.values())
-            if alone >= plan.repeats or time.perf_counter() > end:
+            if alone >= plan.turns or time.perf_counter() > end:
                 break
         ours, theirs = (Measured(all_runs=tuple(runs[name])) for name in ("fused", "pocs"))
         self._cold[(plan.size, plan.num_views)] = ours
