@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pipeline.config import Settings
 from pipeline.frames import MultiViewFrame
 from pipeline.superresolve.memory import Memory
-from pipeline.temporal.alike import DOUBTED, LITTLE, MOST, MUCH
+from pipeline.temporal.alike import DOUBTED, MOST
 from pipeline.temporal.initial import BlockMatch
 from pipeline.temporal.lagging import has_few_tiles
 from pipeline.temporal.still import Still, first_seen
@@ -102,15 +102,15 @@ def continued(
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
     averaged = memory.seen.averaged(frame, noise)
     alike = memory.found_alike(frame, targets) if matches and frame.is_coded else None
-    behind = 0.0 if alike is None else alike.share_behind
-    if alike is not None and behind <= MUCH and alike.way_on > LITTLE:
+    is_behind = alike is not None and alike.is_behind
+    if alike is not None and not is_behind and alike.way_on > 0:
         averaged = memory.seen.moved_on_to(frame, alike.way_on)
     if (
         matches
         and is_small
         and (
             drifts
-            or behind > MUCH
+            or is_behind
             or memory.seen.lags(targets)
             or _changes_in_place(memory, matches, IN_PLACE_OF_FEW)
         )
@@ -119,13 +119,15 @@ def continued(
         memory.begin_apart()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
         averaged = frame
-    elif behind > MOST or (matches and memory.seen.lags_all_over(targets)):
+    elif (alike is not None and alike.share_behind > MOST) or (
+        matches and memory.seen.lags_all_over(targets)
+    ):
         has_moved = True
         memory.move()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
         averaged = memory.seen.averaged(frame, noise)
     if matches and (
-        behind > MUCH
+        is_behind
         or _changes_in_place(memory, matches, IN_PLACE)
         or _changes_mostly(memory, matches)
     ):
@@ -141,7 +143,7 @@ def continued(
             memory.lag()
     elif memory.doubts > 0:
         matches = {}
-    memory.doubts = DOUBTED if behind > MUCH else max(memory.doubts - 1, 0)
+    memory.doubts = DOUBTED if is_behind else max(memory.doubts - 1, 0)
     if averaged is frame:
         still = {target: first_seen(frame.view(target).luma) for target in targets}
     else:

@@ -37,7 +37,6 @@ from pipeline.superresolve.follow import Following, followable, leaders_of
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import colour_of
 from pipeline.superresolve.stages import Stages
-from pipeline.temporal.alike import LITTLE, MUCH
 from pipeline.threads import map_threads, set_threads, stoppable
 
 CHANGED = replace(
@@ -145,8 +144,8 @@ def swift_frame(
         lags = memory.seen.lags(targets) or (not is_held and memory.seen.begins_to_lag(targets))
         asks_views = frame.is_coded and not is_held
         alike = memory.found_alike(frame, targets) if asks_views else None
-        is_behind = alike is not None and alike.share_behind > MUCH
-        if alike is not None and not is_behind and alike.way_on > LITTLE:
+        is_behind = alike is not None and alike.is_behind
+        if alike is not None and not is_behind and alike.way_on > 0:
             averaged = memory.seen.moved_on_to(frame, alike.way_on)
         if (
             memory.seen.is_quieter

@@ -81,11 +81,10 @@ def differences_alike(
     """
     sums = np.zeros((NUM_SUMS, *tiles_of(luma.shape)))
     step = max(1, int((luma.size / LOOKED_AT) ** 0.5))
-    away = luma - mean
     for other in others:
         # all read-only, for one compilation
         _add_up(
-            frozen(luma), away, touched, frozen(other.luma), other.luma - other.mean,
+            frozen(luma), frozen(mean), touched, frozen(other.luma), frozen(other.mean),
             other.touched, frozen(other.position), frozen(other.flags), frozen(other.offset),
             step, sums,
         )  # fmt: skip
@@ -117,21 +116,28 @@ class Alike:
         behind = (alike > LEAST * count) & (alike * np.sqrt(here) > bound * np.sqrt(there))
         return float(behind[seen].mean())
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether much of the picture is."""
+        return self.share_behind > MUCH
+
     @functools.cached_property
     def way_on(self) -> float:
-        """How far to the frame the means are best moved, 0..1.
+        """How far to the frame the means are best moved, 0..1; 0 up to ``LITTLE``.
 
         A mean that is moved a part p of the way there is by p² P − p (P + T) farther from what
         the other views show, P the power of what both differ by and T that by which it is farther
         than the frame.
         """
         excess, here = (float(one.sum()) for one in self.sums[:2])
-        return min(max((1 + excess / here) / 2, 0.0), 1.0) if here > 0 else 0.0
+        part = min((1 + excess / here) / 2, 1.0) if here > 0 else 0.0
+        return part if part > LITTLE else 0.0
 
 
 @njit(**OPTIONS)
-def _add_up(luma, away, touched, other, away_there, touched_there, position, flags, offset, step,
-    sums):  # fmt: skip
+def _add_up(
+    luma, mean, touched, other, mean_there, touched_there, position, flags, offset, step, sums
+):  # fmt: skip
     """Add up what every so manyth pixel of another view says of the tile that it lies in."""
     height, width = luma.shape
     rows, columns = sums.shape[1:]
@@ -153,11 +159,12 @@ def _add_up(luma, away, touched, other, away_there, touched_there, position, fla
             for j in range(4):
                 differs = seen = np.float32(0.0)
                 for i in range(4):
-                    differs += along_x[i] * away[top + j - 1, left + i - 1]
-                    seen += along_x[i] * luma[top + j - 1, left + i - 1]
+                    own = luma[top + j - 1, left + i - 1]
+                    differs += along_x[i] * (own - mean[top + j - 1, left + i - 1])
+                    seen += along_x[i] * own
                 here += along_y[j] * differs
                 shown += along_y[j] * seen
-            there = away_there[row, column]
+            there = other[row, column] - mean_there[row, column]
             farther = other[row, column] - offset[row, column] - shown
             at, tile = tile_of(top, rows), tile_of(left, columns)
             # square of how far the mean is, less that of how far the frame is

@@ -24,6 +24,7 @@ from pipeline.superresolve import (
     default_residual_threshold,
     default_weight_threshold,
     given_psf,
+    reconstruct,
     superresolve,
 )
 from pipeline.synthetic import SampleScene
@@ -274,6 +275,31 @@ def test_the_reference_is_wholly_trusted_in_its_own_report(result):
         assert own.registered_fraction == own.verified_fraction == own.weight_fraction == 1
         assert not any(own.rejections.values())
         assert own.median_absolute_weight == 0
+
+
+@pytest.mark.parametrize(
+    ("sampling", "magnification"),
+    [("decimation", "2"), ("area", "2"), ("decimation", "3"), ("area", "4"), ("area", "2x1")],
+)
+def test_phases_marked_on_the_way_are_those_that_are_counted(
+    scene, monkeypatch, sampling, magnification
+):
+    seen, counted = [], reconstruct._phases
+
+    def report(frame, target, registered, solved, start):
+        seen.append((solved.phases, counted(frame, registered, solved)))
+        return told(frame, target, registered, solved, start)
+
+    told = reconstruct._report
+    monkeypatch.setattr(reconstruct, "_report", report)
+    settings = replace(SETTINGS, sampling=sampling, magnification=magnification)
+    # so little noise that no landing point is corrected
+    frame = scene.frame(0, noise_sigma=0.5, depth="stereo", sampling=Sampling(sampling))
+    superresolve(frame, replace(settings, noise_sigma=0.5), targets=("cam1", "cam2"))
+    assert len(seen) == 2
+    for marked, expected in seen:
+        assert marked == pytest.approx(expected, abs=1e-9)
+        assert marked[1] > marked[0] > 0
 
 
 def test_the_report_agrees_with_the_intermediates(result):
