@@ -84,6 +84,9 @@ class TrackView(BaseModel):
     playlist: str = Field(description="address of the HLS playlist")
     live: str | None = Field(description="path of the WebSocket; null where nothing is on air")
     stills: str = Field(description="address of the pictures, one after the other")
+    broadcast: str | None = Field(
+        description="of a stream: another one where it was stopped and made again; null of a job"
+    )
 
 
 class WatchView(BaseModel):
@@ -109,6 +112,7 @@ class WatchView(BaseModel):
                             "playlist": "/api/v1/streams/stage/watch/result/index.m3u8",
                             "live": "/api/v1/streams/stage/watch/result/live",
                             "stills": "/api/v1/streams/stage/watch/result/stills",
+                            "broadcast": "6f1f0c0f6d3b4c0b9d1a52c1a4f2f7ce",
                         }
                     },
                 }
@@ -207,6 +211,7 @@ def _view_of_disk(programme: _Programme, name: str) -> TrackView | None:
         codec=read_init(init.read_bytes()).codec,
         first_frame=info.first_frame,
         frames=sum(piece.num_frames for piece in pieces),
+        broadcast=None,
         **_addresses(programme, name),
     )
 
@@ -225,6 +230,7 @@ def _view_of_air(programme: _Programme, name: str) -> TrackView | None:
         codec=init.codec,
         first_frame=0,
         frames=None,
+        broadcast=broadcast.id,
         **_addresses(programme, name),
     )
 

@@ -20,6 +20,7 @@ from collections.abc import AsyncGenerator, Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
+from uuid import uuid4
 
 from pipeline.stereo import StereoLayout
 from service.live.fragments import Fragment, Init, Splitter
@@ -138,6 +139,8 @@ class Broadcast:
         ask_video: Callable[[], object] | None = None,
     ) -> None:
         self._ask_still, self._ask_video = ask_still, ask_video
+        self.id = uuid4().hex
+        """Tells it from others of the same name."""
         self.fps = fps
         self.layout = layout
         self.keep = keep

@@ -128,7 +128,9 @@ function begin(chosen) {
   facts(place("frame"), []);
   place("stills").hidden = !stills;
   place("canvas").hidden = stills;
-  place("stills").src = stills ? seen.tracks.result.stills : "";
+  // An address whose pictures have ended is not asked for again.
+  const pictures = stills && seen.tracks.result?.stills;
+  place("stills").src = pictures ? `${pictures}?at=${Date.now()}` : "";
   for (const id of OF_VIDEO) place(id).disabled = stills;
   for (const name of ["result", "before"]) shut(name);
   if (!stills) open("result");
@@ -157,7 +159,9 @@ function showPlaying() {
 
 async function look() {
   const fresh = await ask(`${here}/watch`);
-  const first = !seen?.tracks.result && fresh.tracks.result;
+  const isNew = (name) => fresh.tracks[name]
+    && fresh.tracks[name].broadcast !== seen?.tracks[name]?.broadcast;
+  const [result, before] = [isNew("result"), isNew("before")];
   seen = fresh;
   view.describe(seen.tracks, seen.sampling);
   place("state").textContent = seen.state;
@@ -165,12 +169,16 @@ async function look() {
   showSilence();
   const live = document.querySelector('[name="way"][value="live"]');
   live.disabled = !seen.tracks.result?.live;
-  if (first) {
-    const wanted = kind === "streams" ? "live" : "hls";
+  if (result || before) {
+    document.querySelector('[name="mode"][value="compare"]').disabled = !seen.tracks.before;
+  }
+  if (result) {
+    const wanted = way ?? (kind === "streams" ? "live" : "hls");
     document.querySelector(`[name="way"][value="${wanted}"]`).checked = true;
-    const compare = document.querySelector('[name="mode"][value="compare"]');
-    compare.disabled = !seen.tracks.before;
     begin(wanted);
+  } else if (before) {
+    shut("before");
+    choose({});
   }
   if (!seen.tracks.result) {
     place("message").textContent = seen.state === "ended" ? "There is nothing to watch." : "Waiting for the first second of video…";

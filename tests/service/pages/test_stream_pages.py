@@ -9,6 +9,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
+from pipeline.media.jpeg import encode_jpeg
 from pipeline.media.live_encode import LiveEncoder
 from pipeline.stereo import StereoLayout
 from service.config import ServiceConfig
@@ -159,6 +160,50 @@ def test_a_stream_that_is_stopped_and_made_again_is_watched_again(chromium, stat
         drawn = page.evaluate("window.depthsrWatch.numbers().drawn")
         with Camera(station):
             until_page(page, f"window.depthsrWatch.numbers().drawn > {drawn + 3}")
+
+
+@pytest.mark.parametrize("way", ["live", "hls"])
+def test_a_stream_that_is_made_again_at_once_is_watched_again(chromium, station, way):
+    """The page never sees that it was gone."""
+    with opened(
+        chromium, f"http://{station.address}/watch/streams/cam", errors=("404",)
+    ) as page, Camera(station) as camera:  # fmt: skip
+        until_page(page, "window.depthsrWatch.numbers().way === 'live'")
+        page.locator(f'[name="way"][value="{way}"]').check()
+        page.locator("text=Before and after").click()
+        until_page(page, "window.depthsrWatch.view.hasBefore")
+        camera.pause()
+        with Camera(station) as another:  # one of the same name ends
+            another.pause()
+            another.begin_anew(100)
+            another.go_on()
+            until_page(page, "window.depthsrWatch.numbers().drawn > 0")
+            deadline = time.monotonic() + PATIENCE
+            while int(canvas_pixels(page)[16, 28, 1]) <= 125:
+                assert time.monotonic() < deadline, "what was made again is not seen"
+                page.wait_for_timeout(20)
+            until_page(page, "window.depthsrWatch.view.hasBefore")
+            assert page.evaluate("window.depthsrWatch.numbers().way") == way
+            assert page.locator('[name="mode"][value="compare"]').is_checked()
+
+
+def test_pictures_of_a_stream_that_is_made_again_at_once_go_on(chromium, station):
+    def show_until_seen(width: int) -> None:
+        picture = encode_jpeg(np.full((32, width, 3), 90, np.uint8))
+        deadline = time.monotonic() + PATIENCE
+        while page.evaluate("document.getElementById('stills').naturalWidth") != width:
+            assert time.monotonic() < deadline, "no picture is seen"
+            station.app.state.broadcasts.get("streams/cam").show(picture)
+            page.wait_for_timeout(50)
+
+    with opened(
+        chromium, f"http://{station.address}/watch/streams/cam"
+    ) as page, Camera(station):  # fmt: skip
+        until_page(page, "window.depthsrWatch.numbers().way === 'live'")
+        page.locator("text=Pictures").click()
+        show_until_seen(64)
+        with Camera(station):
+            show_until_seen(128)
 
 
 def test_the_number_said_is_that_of_the_picture_drawn(chromium, station):
