@@ -88,7 +88,7 @@ def pieces() -> list[Variant]:
             name="no agreement weights", tuning=replace(tuning, agreement=(NO_LIMIT, 0.0))
         ),
         Variant(name="no learned filters", filters="none"),
-        Variant(name="landing points not corrected", tuning=replace(tuning, agreeing=0.0)),
+        Variant(name="landing points not corrected", tuning=replace(tuning, corrections=0)),
         Variant(name="no prior", tuning=replace(tuning, prior_strength=1e-6)),
         Variant(
             name="no prior, stopped early",

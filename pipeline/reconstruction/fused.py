@@ -124,9 +124,9 @@ class FusedTuning:
     """Share of a view's mean excess that is added to that of each of its pixels, for each view
     beside the reference, and at most: a view that is often wrong is less to be believed where it
     seems right, and the more of them, the more often they are wrong together."""
-    agreeing: float = 0.71
-    """Mean weight, without doubt, of what may have one, below which a view's landing points are
-    corrected, …"""
+    agreeing: tuple[float, float] = (0.75, 0.65)
+    """Mean weight, without doubt, of what may have one, from which a view's landing points are left
+    as they are, and down to which they are corrected in part; below, in full, …"""
     corrections: int = ROUNDS
     """… in so many steps."""
     alone: float = 0.9
@@ -601,12 +601,16 @@ def fuse(
         def weigh_and_correct(some: tuple[int, int]) -> None:
             weigh(some, lands=bool(positions))
             for index in range(*some) if is_correctable else ():
-                bound, view = tuning.agreeing, registered[index]
+                view, (none, full) = registered[index], tuning.agreeing
+                if agreeing[index] >= none:
+                    continue
                 # what is possible is counted where it may matter
-                if agreeing[index] < bound and agreeing[index] < bound * _possible(view):
+                share = (none - agreeing[index] / _possible(view)) / (none - full)
+                if share > 0:
                     points[index] = realigned(
-                        coefficients, points[index], view.observed, noise, grid, tuning.corrections
-                    )
+                        coefficients, points[index], view.observed, noise, grid,
+                        rounds=tuning.corrections, share=min(share, 1.0),
+                    )  # fmt: skip
                     np.copyto(flags[index], view.flags)
                     is_corrected[index] = True
                     table[index] = table_of([row(index)])

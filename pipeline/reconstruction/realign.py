@@ -41,7 +41,9 @@ def realigned(
     observed: GreyImage,
     noise: float,
     grid: Grid,
+    *,
     rounds: int = ROUNDS,
+    share: float = 1.0,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Return a view's landing points x and y, HR pixels, corrected.
 
@@ -57,6 +59,8 @@ def realigned(
         Grey levels.
     rounds : int
         Steps.
+    share : float
+        How much of the correction is made, 0..1.
     """
     x, y = points
     pixels = np.array(observed)  # a writable copy, for one compilation
@@ -72,7 +76,8 @@ def realigned(
         determinant = xx * yy - xy * xy
         x = x + _fine((yy * xe - xy * ye) / determinant, grid.magnification_x)[:height, :width]
         y = y + _fine((xx * ye - xy * xe) / determinant, grid.magnification_y)[:height, :width]
-    return x, y
+    part = np.float32(share)
+    return points[0] + part * (x - points[0]), points[1] + part * (y - points[1])
 
 
 def _fine(step: GreyImage, magnification: int) -> GreyImage:

@@ -35,7 +35,7 @@ and what of the reference alone has not been found yet passes for disagreement o
 MOVED = FusedTuning(
     together=5, prior_strength=0.125, prior_noise_powers=(1.75, 1.75),
     prior_psf_powers=(-1.0, -1.35), gain=7.0, nearly=1.0, stretch=4.5,
-    agreeing=0.65, corrections=1,
+    agreeing=(0.65, 0.6), corrections=1,
 )  # fmt: skip
 """Work from a cold start where the camera has moved, of two views and at σ_psf 1: few steps smooth
 by themselves, and leave less to the prior. What is left to do after so few lies where the last one

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,6 +56,19 @@ def test_where_nothing_tells_nothing_moves():
         np.testing.assert_allclose(place, said, atol=1e-3)
 
 
+def test_a_share_of_the_correction_is_made():
+    truth = make_truth(make_grid().hr_shape(LR_SHAPE))
+    observed = observe(truth, make_grid(), LR_SHAPE, (0.4, -0.3))
+    points = _points((0.2, -0.3))
+    none, half, full = (
+        realigned(spline_coefficients(truth, TAPS), points, observed, 0.3, make_grid(), share=share)
+        for share in (0.0, 0.5, 1.0)
+    )
+    for said, at_none, at_half, at_full in zip(points, none, half, full, strict=True):
+        np.testing.assert_array_equal(at_none, said)
+        np.testing.assert_allclose(at_half, (said + at_full) / 2, atol=1e-4)
+
+
 def test_points_without_a_place_keep_none_and_the_others_do_not_care():
     truth = make_truth(make_grid().hr_shape(LR_SHAPE))
     observed = observe(truth, make_grid(), LR_SHAPE, (0.0, 0.0))
@@ -95,9 +111,30 @@ def test_a_view_that_agrees_badly_is_aligned_before_it_is_fused_and_judged():
     aligned, as_said = (
         fuse(
             views, make_grid(), LR_SHAPE, PSF, noise=1.0, residual_threshold=60.0, learned=learned,
-            tuning=FusedTuning(agreeing=agreeing),
+            tuning=replace(FusedTuning(), **tuning),
         )
-        for agreeing in (1.0, 0.0)
+        for tuning in ({"agreeing": (1.1, 1.0)}, {"corrections": 0})
     )  # fmt: skip
     assert psnr(aligned.estimate, truth, border=8) > psnr(as_said.estimate, truth, border=8) + 0.5
     assert np.less(aligned.misfits[1:], as_said.misfits[1:]).all()
+
+
+def test_the_more_a_view_disagrees_the_more_of_its_correction_is_made():
+    truth = make_truth(make_grid().hr_shape(LR_SHAPE))
+    seen = [
+        observe(truth, make_grid(), LR_SHAPE, shift, noise=1.0, seed=number)
+        for number, shift in enumerate(((0.0, 0.0), (0.5, 0.25)))
+    ]
+    views = [make_view(seen[0], is_reference=True), make_view(seen[1], (0.8, 0.05))]
+    learned = learned_filters(make_grid(), PSF.sigma, 1.0)
+
+    def estimate(enough: float) -> np.ndarray:
+        return fuse(
+            views, make_grid(), LR_SHAPE, PSF, noise=1.0, residual_threshold=60.0, learned=learned,
+            tuning=FusedTuning(agreeing=(enough, enough - 0.2)),
+        ).estimate  # fmt: skip
+
+    made = [estimate(enough) for enough in np.arange(-0.1, 1.3, 0.05)]
+    steps = [np.abs(after - before).mean() for before, after in itertools.pairwise(made)]
+    assert steps[0] == steps[-1] == 0
+    assert 0 < max(steps) < 0.5 * np.abs(made[-1] - made[0]).mean()
