@@ -12,7 +12,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the benchmarks are not installed
 
-from benchmarks import floors, quality, soak
+from benchmarks import changes, floors, quality, soak
 from benchmarks.__main__ import main
 from benchmarks.floors import SpeedFigures
 from benchmarks.memory import load_frame, save_frame
@@ -293,3 +293,34 @@ def test_a_short_soak_runs_the_whole_way(tmp_path):
     assert result.memory[-1][0] == 12
     first, last = result.quality[1:5], result.quality[-5:-1]
     assert np.mean(first) == pytest.approx(np.mean(last), abs=1.0)
+
+
+def test_a_change_is_measured_against_cold_frames(monkeypatch):
+    still = replace(changes.CHANGES[0], frames=3)
+    monkeypatch.setattr(changes, "CHANGES", (still,))
+    chosen = changes.cases(seed=0, only="nothing")
+    assert {(case.width, case.crf) for case in chosen} >= {(256, None), (256, 23), (128, 23)}
+    small = [replace(case, width=64) for case in chosen if case.width == 128]
+    found = [changes.measured(case) for case in small]
+    for one in found:
+        for chain in one.chains.values():
+            assert len(chain.gains) == 2
+            assert chain.worst <= chain.mean
+            assert chain.below == sum(min(frame) < -changes.BELOW for frame in chain.gains)
+            assert chain.share > 0
+    text = changes.page(found, "python -m benchmarks.changes")
+    assert "## 64×48" in text
+    assert "| nothing | 23 | estimated |" in text
+    assert "none is more than 0.05 dB below" in text
+    lost = replace(found[0].chains["warm"], gains=((0.1, -0.06), (-0.2, 0.3)))
+    worse = replace(found[0], chains={**found[0].chains, "warm": lost})
+    assert lost.below == 2
+    assert lost.worst == -0.2
+    assert "| −0.20 | 2 of 2 |" in changes.table([worse]).as_markdown()
+    assert "2 are more than" in changes.page([worse], "x")
+
+
+def test_changes_of_a_name_that_is_not_there(capsys):
+    with pytest.raises(SystemExit):
+        changes.main(["--only", "earthquake"])
+    assert "none of nothing, " in capsys.readouterr().err

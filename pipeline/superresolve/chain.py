@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pipeline.config import Settings
 from pipeline.frames import MultiViewFrame
 from pipeline.superresolve.memory import Memory
-from pipeline.temporal.alike import DOUBTED, MOST
+from pipeline.temporal.alike import DOUBTED, DOUBTED_MOVED, FAR, MOST
 from pipeline.temporal.initial import BlockMatch
 from pipeline.temporal.lagging import has_few_tiles
 from pipeline.temporal.still import Still, first_seen
@@ -89,12 +89,8 @@ def continued(
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
     is_small = has_few_tiles(frame.lr_shape)
     drifts = memory.seen.drifts(frame, targets, noise, is_asked=is_small or not has_moved)
-    if not has_moved:
-        drifts = (
-            drifts
-            or memory.seen.begins_apart(frame, targets, noise)
-            or memory.seen.jumps(targets, noise)
-        )
+    begins_apart = not (has_moved or drifts) and memory.seen.begins_apart(frame, targets, noise)
+    drifts = drifts or begins_apart or (not has_moved and memory.seen.jumps(targets, noise))
     if drifts:
         has_moved = bool(matches) and not is_small
     if has_moved:
@@ -141,9 +137,14 @@ def continued(
             # few steps from the frame before lose more than means of what stands still gain
             matches = {}
             memory.lag()
-    elif memory.doubts > 0:
+    elif memory.doubts > 0 or (is_small and alike is not None and alike.way_on > FAR):
         matches = {}
-    memory.doubts = DOUBTED if is_behind else max(memory.doubts - 1, 0)
+    if is_behind:
+        memory.doubts = DOUBTED
+    elif has_moved and frame.is_coded and not begins_apart:
+        memory.doubts = DOUBTED_MOVED
+    else:
+        memory.doubts = max(memory.doubts - 1, 0)
     if averaged is frame:
         still = {target: first_seen(frame.view(target).luma) for target in targets}
     else:

@@ -45,8 +45,14 @@ DOUBTED = 2
 """Frames after one in which much was behind that begin from their means alone: a frame tells little
 of a mean of two or three."""
 
+DOUBTED_MOVED = 1
+"""The same after one that was restored as if the camera had moved: its own mean is all there is."""
+
 LITTLE = 0.02
 """Part of the way to the frame up to which means are left where they are."""
+
+FAR = 0.3
+"""Part of the way beyond which a picture of few tiles begins from its means alone."""
 
 NUM_SUMS = 5
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 import pytest
 
+from benchmarks import changes
 from pipeline.config import Settings
 from pipeline.effort import Effort
 from pipeline.metrics import psnr
@@ -206,29 +208,15 @@ def test_after_a_cut_nothing_of_the_old_scene_is_seen(quiet):
         assert psnr(ours.images[target.view_id].luma, other.images[target.view_id].luma) > 40
 
 
-def _softer(pictures, number):
-    """A focus pull."""
-    return [cv2.GaussianBlur(one, (0, 0), 0.1 + 0.15 * number) for one in pictures]
-
-
-def _aside(pictures, number):
-    """A pan by a twentieth of an LR pixel a frame."""
-    step = np.array([[1, 0, -0.1 * number], [0, 1, 0]], np.float32)
-    return [
-        cv2.warpAffine(
-            one, step, one.shape[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
-        )
-        for one in pictures
-    ]
-
-
-def _dissolving(pictures, number):
-    """Into the same upside down."""
-    return [one + (one[::-1] - one) * np.float32(number / 16) for one in pictures]
-
-
 @pytest.mark.parametrize("temporal", ["swift", "warm"])
-@pytest.mark.parametrize("changed", [_softer, _aside, _dissolving])
+@pytest.mark.parametrize(
+    "changed",
+    [
+        partial(changes.softer, step=0.15, begin=0.1),
+        partial(changes.aside, step=0.1),
+        partial(changes.dissolving, frames=16),
+    ],
+)
 def test_what_changes_slowly_all_over_is_no_worse_than_cold(larger, changed, temporal):
     """From frame to frame most of it seems to stand still."""
     scene, still = larger
@@ -238,7 +226,7 @@ def test_what_changes_slowly_all_over_is_no_worse_than_cold(larger, changed, tem
     ]
     warm, cold = (Worker(_settings(kind), targets=TARGETS) for kind in (temporal, "cold"))
     for number in range(10):
-        truth = changed(pictures, number)
+        truth = [changed(picture, picture[::-1], number) for picture in pictures]
         frame = _observed(scene, still, truth, number)
         ours = warm.take(frame)
         if number < 8:
@@ -256,49 +244,19 @@ def test_what_changes_slowly_all_over_is_no_worse_than_cold(larger, changed, tem
         assert scores[0] > scores[1] - 0.05
 
 
-def _half_dissolving(picture, other, number):
-    half = np.arange(picture.shape[1]) < picture.shape[1] // 2
-    return picture + (other - picture) * half * np.float32(number / 24)
-
-
-def _half_turning_over(picture, other, number):
-    """So fast that most of it counts as changed."""
-    half = np.arange(picture.shape[1]) < picture.shape[1] // 2
-    return picture + (picture[::-1] - picture) * half * np.float32(number / 16)
-
-
-def _half_turned_over(picture, other, number):
-    """Into what neither the depth maps nor the rig say."""
-    return _half_turning_over(picture, other, min(2 * number, 16))
-
-
-def _nudged(picture, other, number):
-    """By 0.3 LR pixels in frame 5, and it stays there."""
-    return _aside([picture], 6)[0] if number >= 5 else picture
-
-
-def _flickering(picture, other, number):
-    """Lamps of 50 Hz, and a shutter that rolls."""
-    rows = np.arange(len(picture), dtype=np.float32)[:, None] / len(picture)
-    return picture * (1 + 0.03 * np.sin(2 * np.pi * (1.5 * rows + 100 / 15 * number)))
-
-
-def _slowly_softer(picture, other, number):
-    return cv2.GaussianBlur(picture, (0, 0), 0.5 + 0.05 * number)
-
-
 @pytest.mark.parametrize("temporal", ["swift", "warm"])
 @pytest.mark.parametrize(
     ("changed", "width", "last"),
     [
-        (_slowly_softer, 256, 14),
-        (_half_dissolving, 128, 20),
-        (_half_turning_over, 128, 13),
-        (_half_turned_over, 128, 10),
-        (_nudged, 128, 5),
-        (_nudged, 256, 5),
-        (_flickering, 128, 5),
-        (_flickering, 256, 2),
+        (partial(changes.softer, step=0.05), 256, 14),
+        (partial(changes.half_dissolving, frames=24), 128, 20),
+        # so fast that most of it counts as changed
+        (partial(changes.half_turning_over, frames=16), 128, 13),
+        (partial(changes.half_turning_over, frames=8), 128, 10),
+        (partial(changes.nudged, at=5), 128, 5),
+        (partial(changes.nudged, at=5), 256, 5),
+        (partial(changes.flickering, share=0.03), 128, 5),
+        (partial(changes.flickering, share=0.03), 256, 2),
     ],
 )
 def test_what_changes_slowly_or_in_part_is_no_worse_than_cold(changed, width, last, temporal):
@@ -324,48 +282,26 @@ def test_what_changes_slowly_or_in_part_is_no_worse_than_cold(changed, width, la
             assert scores[0] > scores[1] - 0.05, number
 
 
-def _all_softer(pictures, number):
-    return [_slowly_softer(picture, picture, 2 * number) for picture in pictures]
-
-
-def _all_much_softer(pictures, number):
-    return [_slowly_softer(picture, picture, 4 * number) for picture in pictures]
-
-
-def _panned(pictures, number):
-    return _aside(pictures, 2 * number)
-
-
-def _panned_slowly(pictures, number):
-    return _aside(pictures, number)
-
-
-def _jolted(pictures, number):
-    return _aside(pictures, 10 if number > 5 else 0)
-
-
-def _as_before(pictures, number):
-    return pictures
-
-
-def _half_gone(pictures, number):
-    return [_half_dissolving(picture, picture[::-1], number + 16) for picture in pictures]
+def _half_gone(picture, other, number):
+    return changes.half_dissolving(picture, other, number + 16, frames=24)
 
 
 @pytest.mark.parametrize(
     ("changed", "num_frames", "width", "quality", "noise"),
     [
         # the first frames share their noise, so that a mean of them has hardly less, and lags
-        (_panned, 4, 128, 23, None),
-        (_panned, 4, 256, 18, None),
+        (partial(changes.aside, step=0.2), 4, 128, 23, None),
+        (partial(changes.aside, step=0.2), 4, 256, 18, None),
         # a picture is left as it was for some frames, and then drawn as it is
-        (_all_softer, 6, 128, 28, NOISE),
+        (partial(changes.softer, step=0.1), 6, 128, 28, NOISE),
         # what it leaves in each view by itself hides what changes in all of them
-        (_all_much_softer, 3, 256, 28, NOISE),
-        (_panned_slowly, 14, 128, 23, NOISE),
-        (_jolted, 12, 128, 23, None),
-        (_as_before, 8, 128, 23, NOISE),
+        (partial(changes.softer, step=0.2), 3, 256, 28, NOISE),
+        (partial(changes.aside, step=0.1), 14, 128, 23, NOISE),
+        (partial(changes.nudged, step=1.0), 12, 128, 23, None),
+        (changes.as_it_is, 8, 128, 23, NOISE),
         (_half_gone, 9, 256, 18, None),
+        # what has just begun anew is a mean of one frame, and behind the next one's
+        (changes.nudged, 11, 256, 28, None),
     ],
 )
 def test_frames_that_a_codec_has_drawn_are_no_worse_than_cold(
@@ -377,7 +313,10 @@ def test_frames_that_a_codec_has_drawn_are_no_worse_than_cold(
         cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
         for picture in scene.render_all(0.0)
     ]
-    shown = [changed(pictures, number) for number in range(num_frames)]
+    shown = [
+        [changed(picture, picture[::-1], number) for picture in pictures]
+        for number in range(num_frames)
+    ]
     films = [
         list(coded(tmp_path / f"{place}.mkv", noisy(map(scene.observe, film), place), quality))
         for place, film in enumerate(zip(*shown, strict=True))
