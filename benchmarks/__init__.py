@@ -4,6 +4,7 @@
   the machine's own :mod:`unit`;
 * :mod:`quality`: how good, on real and rendered scenes;
 * :mod:`video`: a stream against so many stills; :mod:`latency`: of a live frame;
+* :mod:`changes`: frames of a chain against cold ones, where pictures change;
 * :mod:`service`, :mod:`dscqs`: under load; :mod:`cluster`: on one worker and on two;
 * :mod:`soak`: a long run, whose memory and quality must not drift;
 * :mod:`learn` makes the learned filters anew.

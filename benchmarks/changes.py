@@ -261,7 +261,6 @@ def _rendered(case: Case) -> tuple[list[MultiViewFrame], list[list[GreyImage]]]:
                 replace(view, luma=film[number])
                 for view, film in zip(frame.views, films, strict=True)
             ),
-            is_coded=case.crf is not None,
         )
         for number, frame in enumerate(frames)
     ]

@@ -66,7 +66,7 @@ def compile_kernels(on_step: Callable[[str], None] = lambda _: None) -> int:
     _invert_a_motion(frame)
     on_step("a film that is coded")
     luma = frame.view(frame.left).luma
-    seen_again(luma, first_seen(luma, is_coded=True), 1.0)
+    seen_again(luma, first_seen(luma), 1.0)
     _do_coded(scene)
     on_step("a stream, a view between")
     _do_stream(scene)
@@ -91,7 +91,7 @@ def _do_coded(scene: SampleScene) -> None:
     """Super-resolve two frames of a file, of which the second goes on from the first."""
     worker = Worker(Settings(temporal="warm", noise_sigma=1.0), targets=("cam0", "cam1"))
     for index in range(2):
-        worker.take(replace(scene.frame(0, noise_sigma=1.0, noise_seed=index), is_coded=True))
+        worker.take(scene.frame(0, noise_sigma=1.0, noise_seed=index))
 
 
 def _do_stream(scene: SampleScene) -> None:

@@ -123,10 +123,6 @@ class MultiViewFrame:
     depth_is_metric: bool = False
     """True where nearness is 1 / depth in the units of ``world_to_camera``."""
 
-    is_coded: bool = False
-    """True where pictures come from files of a codec that makes frames of others, and leaves
-    something out."""
-
     def view(self, view_id: str) -> View:
         """Return the view of that id; raise KeyError where there is none."""
         for view in self.views:

@@ -114,9 +114,6 @@ class VideoReader:
             and holds_layers(self.path)
         )
         """Whether a second view lies in layers that are not read (MV-HEVC)."""
-        codec = stream.codec_context.codec
-        self.is_coded = codec.lossy and not codec.intra_only
-        """Whether it is of a codec that makes frames of others, and may leave something out."""
         self.is_interlaced = bool(first.interlaced_frame)
         """Whether the two fields of a frame were taken one after the other."""
         self._decoded.appendleft(first)

@@ -69,8 +69,6 @@ class PictureReader(Protocol):
     """Whether the two fields of a frame were taken one after the other."""
     holds_layers: bool
     """Whether a second view lies in layers that are not read."""
-    is_coded: bool
-    """Whether it is of a codec that makes frames of others, and may leave something out."""
     is_still: bool
     """True for a single image file."""
     repeats_line: bool
@@ -152,7 +150,6 @@ class ImageFilesReader:
     has_uneven_times = False
     is_interlaced = False
     holds_layers = False
-    is_coded = False
 
     def __init__(
         self, root: Path, files: ImageFiles, first_frame: int, frame_count: int | None
@@ -264,7 +261,6 @@ class VideoFileReader(_StreamReader):
         self.has_uneven_times = video.has_uneven_times
         self.is_interlaced = video.is_interlaced
         self.holds_layers = video.holds_layers
-        self.is_coded = video.is_coded
         self.form = PictureForm(
             width=video.width,
             height=video.height,
@@ -345,7 +341,6 @@ class RawVideoReader(_StreamReader):
     has_uneven_times = False
     is_interlaced = False
     holds_layers = False
-    is_coded = False
 
     def __init__(self, path: Path, raw: RawVideo, first_frame: int) -> None:
         self._file = RawVideoFile(

@@ -321,7 +321,6 @@ class SceneSource:
             right=info.right,
             bit_depth=info.bit_depth,
             depth_is_metric=info.depth_is_metric,
-            is_coded=any(view.color.is_coded for view in self._views),
         )
 
     def approach(self, frame_index: int, *, depth: Collection[str] | None = None) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pipeline.config import Settings
 from pipeline.frames import MultiViewFrame
 from pipeline.superresolve.memory import Memory
-from pipeline.temporal.alike import DOUBTED, DOUBTED_MOVED, FAR, MOST
+from pipeline.temporal.alike import DOUBTED, MOST
 from pipeline.temporal.initial import BlockMatch
 from pipeline.temporal.lagging import has_few_tiles
 from pipeline.temporal.still import Still, first_seen
@@ -97,10 +97,12 @@ def continued(
         memory.move()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
     averaged = memory.seen.averaged(frame, noise)
-    alike = memory.found_alike(frame, targets) if matches and frame.is_coded else None
+    alike = memory.found_alike(frame, targets) if matches else None
     is_behind = alike is not None and alike.is_behind
+    is_far = alike is not None and alike.is_far
     if alike is not None and not is_behind and alike.way_on > 0:
-        averaged = memory.seen.moved_on_to(frame, alike.way_on)
+        part = 1.0 if is_far and memory.doubts > 0 else alike.way_on
+        averaged = memory.seen.moved_on_to(frame, part)
     if (
         matches
         and is_small
@@ -132,19 +134,14 @@ def continued(
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
         averaged = memory.seen.averaged(frame, noise)
     elif matches and memory.seen.lags(targets):
+        # few steps from the frame before lose more than means of what stands still gain
+        matches, noise = {}, memory.seen.noise_anew(frame, settings, sources)
         memory.stand_again()
-        if frame.is_coded:
-            # few steps from the frame before lose more than means of what stands still gain
-            matches = {}
-            memory.lag()
-    elif memory.doubts > 0 or (is_small and alike is not None and alike.way_on > FAR):
-        matches = {}
-    if is_behind:
-        memory.doubts = DOUBTED
-    elif has_moved and frame.is_coded and not begins_apart:
-        memory.doubts = DOUBTED_MOVED
-    else:
-        memory.doubts = max(memory.doubts - 1, 0)
+        memory.lag()
+    elif matches and (memory.doubts > 0 or (is_small and is_far)):
+        matches, noise = {}, memory.seen.noise_anew(frame, settings, sources)
+    began = is_behind or (has_moved and not begins_apart)
+    memory.doubts = DOUBTED if began else max(memory.doubts - 1, 0)
     if averaged is frame:
         still = {target: first_seen(frame.view(target).luma) for target in targets}
     else:

@@ -137,9 +137,7 @@ class Memory:
     def to_go_on_from(self) -> Previous | None:
         """Return what the previous frame left, and what of that has proved to lag behind."""
         lagging = {
-            name: still.begun
-            for name, still in self.seen.still.items()
-            if still.is_drawn or still.lagging.any()
+            name: still.begun for name, still in self.seen.still.items() if still.lagging.any()
         }
         return None if self.previous is None else replace(self.previous, lagging=lagging)
 
@@ -167,7 +165,7 @@ class Memory:
         return Alike(np.add.reduce(map_threads(look, targets)))
 
     def lag(self) -> None:
-        """Take note that much of a coded picture lags behind, and forget motions now and then."""
+        """Take note that much of a picture lags behind, and forget motions now and then."""
         self._lagged += 1
         if self._lagged % LAGGED == 0:
             seen, lagged = self.seen, self._lagged

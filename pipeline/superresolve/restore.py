@@ -84,7 +84,7 @@ def restore_frame(
         noise = memory.seen.known_noise(targets)
         if noise is None:
             noise = memory.seen.noise(frame, settings, targets)
-        frame = memory.seen.averaged(frame, noise, is_held=True)
+        frame = memory.seen.averaged(frame, noise)
         memory.miss(names)
         if any(memory.seen.still[target].share_touched > MOSTLY_CHANGED for target in targets):
             memory.move_on()
@@ -139,11 +139,10 @@ def swift_frame(
         noise = memory.seen.noise(frame, settings, names)
         drifts = memory.seen.drifts(frame, targets, noise)
         jumps = memory.seen.jumps(targets, noise)
-        averaged = memory.seen.averaged(frame, noise, is_held=is_held)
+        averaged = memory.seen.averaged(frame, noise)
         shares = [memory.seen.still[target].share_touched for target in targets]
         lags = memory.seen.lags(targets) or (not is_held and memory.seen.begins_to_lag(targets))
-        asks_views = frame.is_coded and not is_held
-        alike = memory.found_alike(frame, targets) if asks_views else None
+        alike = None if is_held else memory.found_alike(frame, targets)
         is_behind = alike is not None and alike.is_behind
         if alike is not None and not is_behind and alike.way_on > 0:
             averaged = memory.seen.moved_on_to(frame, alike.way_on)

@@ -46,8 +46,6 @@ class Seen:
     """By view: what stands still, its mean, and what has just changed."""
     is_quieter: bool = False
     """Whether the noise last asked for has fallen so far that what came before it is of no use."""
-    _coded: dict[str, bool] = field(default_factory=dict)
-    """By view, whether it comes from a codec: see :class:`Still`."""
     _noise: dict[str, float] = field(default_factory=dict)
     """By view, grey levels."""
     _last_noise: dict[str, float] = field(default_factory=dict)
@@ -61,10 +59,7 @@ class Seen:
 
     def begun_again(self) -> Seen:
         """Return what is left of it to a new chain in a picture that goes on as it did."""
-        return Seen(
-            _coded=self._coded, _details=self._details, _detailed=self._detailed,
-            _frames=self._frames,
-        )  # fmt: skip
+        return Seen(_details=self._details, _detailed=self._detailed, _frames=self._frames)
 
     def moved_on(self) -> None:
         """Forget what is of where the rig was: noise is still to be looked at in other views."""
@@ -175,26 +170,18 @@ class Seen:
             self.still = {}
         self.averaged(frame, noise)
 
-    def averaged(
-        self, frame: MultiViewFrame, noise: float, *, is_held: bool = False
-    ) -> MultiViewFrame:
-        """Return the frame with what stands still averaged over the frames before.
-
-        Where a rate is held, a mean goes on though a codec has drawn the frame better; so it does
-        where the views are asked how far (:meth:`moved_on_to`).
-        """
-        begins_anew = not (is_held or frame.is_coded)
+    def averaged(self, frame: MultiViewFrame, noise: float) -> MultiViewFrame:
+        """Return the frame with what stands still averaged over the frames before."""
 
         def seen(view: View) -> Still:
             before = self.still.get(view.view_id)
             if before is None:
-                return first_seen(view.luma, is_coded=self._coded.get(view.view_id, False))
-            return seen_again(view.luma, before, noise, begins_anew=begins_anew)
+                return first_seen(view.luma)
+            return seen_again(view.luma, before, noise)
 
         found = map_threads(seen, frame.views)
         seen_now = {view.view_id: still for view, still in zip(frame.views, found, strict=True)}
         self.still = {**self.still, **seen_now}
-        self._coded = self._coded | {name: still.is_coded for name, still in seen_now.items()}
         views = [
             replace(view, luma=still.mean) for view, still in zip(frame.views, found, strict=True)
         ]
@@ -219,12 +206,12 @@ class Seen:
     def lags(self, targets: Sequence[str]) -> bool:
         """Return whether much of what was kept of a target has just proved to lag behind.
 
-        Of small pictures, whether much of any view has. What a codec has drawn better does, too.
+        Of small pictures, whether much of any view has.
         """
         looked_at = [self.still[target] for target in targets]
         if has_few_tiles(looked_at[0].mean.shape):
             looked_at = list(self.still.values())
-        return any(still.is_drawn or much_lags(still.lagging) for still in looked_at)
+        return any(much_lags(still.lagging) for still in looked_at)
 
     def begins_to_lag(self, targets: Sequence[str]) -> bool:
         """Return whether what was kept of a target begins to lag behind."""
@@ -232,5 +219,4 @@ class Seen:
 
     def lags_all_over(self, targets: Sequence[str]) -> bool:
         """Return whether all of what was kept of a target has just proved to lag behind."""
-        looked_at = [self.still[target] for target in targets]
-        return any(still.is_drawn or still.lagging.all() for still in looked_at)
+        return any(self.still[target].lagging.all() for target in targets)

@@ -8,7 +8,6 @@ Not in the thesis, which computes every frame on its own. Nothing here registers
 * :mod:`flow`: small patches found again to a fraction of a pixel, for what moves;
 * :mod:`moving`: a moving camera told from a cut;
 * :mod:`drift`, :mod:`lagging`: what changes little by little, all over or in parts;
-* :mod:`alike`: what changes in several views alike, where they come from a codec;
-* :mod:`drawn`: frames that a codec has drawn better than those before them;
+* :mod:`alike`: what changes in several views alike;
 * :mod:`neighbours`: pixels of the frames before and after as constraints (``--temporal-window``).
 """

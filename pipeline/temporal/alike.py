@@ -35,6 +35,12 @@ better than the frame by the power of what they differ by: then less of a lag is
 LEAST = 0.004
 """What they differ by alike, at least, grey levels²."""
 
+HARMLESS = 0.04
+"""The same that does no harm …"""
+
+CERTAIN = 0.2
+"""… where the correlation is as high: a codec, which hides more than it shows, leaves less."""
+
 MUCH = 1 / 4
 """Share of the tiles, each with those around it, beyond which a picture is behind …"""
 
@@ -42,17 +48,16 @@ MOST = 1 / 2
 """… and beyond which most of it is."""
 
 DOUBTED = 2
-"""Frames after one in which much was behind that begin from their means alone: a frame tells little
-of a mean of two or three."""
-
-DOUBTED_MOVED = 1
-"""The same after one that was restored as if the camera had moved: its own mean is all there is."""
+"""Frames after one in which much was behind, or that was restored as if the camera had moved, that
+begin from their means alone: a frame tells little of a mean of two or three."""
 
 LITTLE = 0.02
 """Part of the way to the frame up to which means are left where they are."""
 
-FAR = 0.3
-"""Part of the way beyond which a picture of few tiles begins from its means alone."""
+FAR = (0.3, 0.03)
+"""Part of the way from which it is far to a frame, and by how much nearer, at least, to what the
+other views show that brings the means, grey levels²: then a picture of few tiles begins from its
+means alone, and means that are doubted are left for the frame."""
 
 NUM_SUMS = 5
 
@@ -119,7 +124,8 @@ class Alike:
             return 0.0
         constant, share = SHARED
         bound = constant * here + share * np.maximum(-excess, 0)
-        behind = (alike > LEAST * count) & (alike * np.sqrt(here) > bound * np.sqrt(there))
+        least = np.where(alike > CERTAIN * np.sqrt(here * there), HARMLESS, LEAST)
+        behind = (alike > least * count) & (alike * np.sqrt(here) > bound * np.sqrt(there))
         return float(behind[seen].mean())
 
     @property
@@ -138,6 +144,12 @@ class Alike:
         excess, here = (float(one.sum()) for one in self.sums[:2])
         part = min((1 + excess / here) / 2, 1.0) if here > 0 else 0.0
         return part if part > LITTLE else 0.0
+
+    @property
+    def is_far(self) -> bool:
+        """Whether that is so far, and gains so much, that the means are of little use."""
+        nearer, count = self.way_on**2 * self.sums[1].sum(), self.sums[4].sum()
+        return bool(self.way_on > FAR[0] and nearer > FAR[1] * count)
 
 
 @njit(**OPTIONS)

@@ -122,11 +122,10 @@ def no_sums(shape: tuple[int, ...]) -> tuple[npt.NDArray[np.float64], npt.NDArra
 
 def lagging_tiles(
     sums: npt.NDArray[np.float64], numbers: npt.NDArray[np.float64], noise: float, restless: Mask
-) -> tuple[Mask, bool, float | None, float]:
+) -> tuple[Mask, bool, float | None]:
     """Return which tiles lag behind, whether the others begin to, and what noise does.
 
-    That is the correlation of what is finer than detail, None where nothing tells it, and the
-    power of that, grey levels², where it is calm.
+    That is the correlation of what is finer than detail, None where nothing tells it.
 
     Parameters
     ----------
@@ -141,9 +140,9 @@ def lagging_tiles(
     """
     lagging = np.zeros(numbers.shape, np.bool_)
     bounds = np.array([constant + share * noise**2 for constant, share in BOUNDS])
-    begins, share, power = _tell(sums.reshape(len(sums), -1), numbers.ravel(), bounds,
+    begins, share = _tell(sums.reshape(len(sums), -1), numbers.ravel(), bounds,
         restless.ravel(), lagging.ravel())  # fmt: skip
-    return lagging, begins, None if np.isnan(share) else share, power
+    return lagging, begins, None if np.isnan(share) else share
 
 
 @njit(**OPTIONS)
@@ -151,8 +150,8 @@ def _tell(sums, numbers, bounds, restless, lagging):
     """Write which tiles lag behind, and return whether the others begin to; all flat.
 
     ``bounds`` are those of a tile, of the median of all others, and of the latter's beginning.
-    Returned are also the correlation and the power of what is finer than detail, where it is calm;
-    NaN where no tile is seen.
+    Returned is also the correlation of what is finer than detail, where it is calm; NaN where no
+    tile is seen.
     """
     means, seen = np.empty_like(sums), numbers >= LEAST
     for tile in range(numbers.size):
@@ -161,7 +160,7 @@ def _tell(sums, numbers, bounds, restless, lagging):
             means[kind, tile] = sums[kind, tile] / counted
     finest = np.sort(means[4][seen])
     if finest.size == 0:
-        return False, np.nan, np.nan
+        return False, np.nan
     limit, finer, least_power, count = _quantile(finest, CALM), 0.0, 0.0, 0
     for tile in range(numbers.size):
         if seen[tile] and means[4, tile] <= limit:
@@ -186,7 +185,7 @@ def _tell(sums, numbers, bounds, restless, lagging):
     middle = _quantile(np.sort(rest[:others]), 0.5) if others else np.inf
     if middle > bounds[1]:
         lagging[:] = True
-    return middle > bounds[2], share, least_power
+    return middle > bounds[2], share
 
 
 @njit(**LEAN)

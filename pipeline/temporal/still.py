@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from pipeline.frames import GreyImage, Mask, frozen
 from pipeline.temporal import still_kernels
-from pipeline.temporal.drawn import NOTHING, is_drawn_anew
 from pipeline.temporal.lagging import (
     STAYS,
     Away,
@@ -63,10 +62,6 @@ class Still:
     """Whether those of the others begin to."""
     noise_stays: bool = False
     """Whether noise stays for some frames, as a codec's does."""
-    is_coded: bool = False
-    """Whether it does or there is none, so that a frame may be better than the mean."""
-    is_drawn: bool = False
-    """Whether a codec has drawn the last frame better than those before: then all begins anew."""
 
     @functools.cached_property
     def share_touched(self) -> float:
@@ -75,12 +70,12 @@ class Still:
 
     @functools.cached_property
     def begun(self) -> Mask:
-        """(H, W): whether the mean of the pixel has lagged behind, or was not drawn as well."""
-        return tile_pixels(self.lagging | self.is_drawn, self.changed.shape)
+        """(H, W): whether the mean of the pixel has lagged behind."""
+        return tile_pixels(self.lagging, self.changed.shape)
 
 
-def first_seen(luma: GreyImage, *, is_coded: bool = False) -> Still:
-    """Return what is known after one frame, and of the codec before it."""
+def first_seen(luma: GreyImage) -> Still:
+    """Return what is known after one frame."""
     return Still(
         mean=luma,
         count=np.ones(luma.shape, np.float32),
@@ -89,11 +84,10 @@ def first_seen(luma: GreyImage, *, is_coded: bool = False) -> Still:
         away=Away.none(luma.shape),
         lagging=np.zeros(tiles_of(luma.shape), np.bool_),
         restless=np.zeros(tiles_of(luma.shape), np.bool_),
-        is_coded=is_coded,
     )
 
 
-def seen_again(luma: GreyImage, before: Still, noise: float, *, begins_anew: bool = True) -> Still:
+def seen_again(luma: GreyImage, before: Still, noise: float) -> Still:
     """Return what is known after one more frame.
 
     Parameters
@@ -104,8 +98,6 @@ def seen_again(luma: GreyImage, before: Still, noise: float, *, begins_anew: boo
         After the frame before it; one of another size is forgotten.
     noise : float
         Standard deviation, grey levels.
-    begins_anew : bool
-        Whether all begins anew where a codec has drawn it better than it was.
     """
     if before.mean.shape != luma.shape:
         return first_seen(luma)
@@ -120,24 +112,17 @@ def seen_again(luma: GreyImage, before: Still, noise: float, *, begins_anew: boo
         before.restless, detail, fine, changed, reached, sums, numbers, mean, count,
     )  # fmt: skip
     away = Away(detail=(detail, before.away.detail[0]), fine=fine)
-    lagging, begins_to_lag, share, power = lagging_tiles(sums, numbers, noise, before.restless)
-    noise_stays, is_coded = before.noise_stays, before.is_coded
-    if share is not None:
-        noise_stays = share > STAYS
-        is_coded = noise_stays or power <= NOTHING
-    is_drawn = begins_anew and before.is_coded and is_drawn_anew(
-        frozen(luma), frozen(before.mean), before.count, detail, fine, reached
-    )  # fmt: skip
+    lagging, begins_to_lag, share = lagging_tiles(sums, numbers, noise, before.restless)
+    noise_stays = before.noise_stays if share is None else share > STAYS
     begin_anew = not has_few_tiles(luma.shape)
-    if begin_anew and (is_drawn or lagging.any()):
-        anew = tile_pixels(lagging | is_drawn, luma.shape)
+    if begin_anew and lagging.any():
+        anew = tile_pixels(lagging, luma.shape)
         mean[anew], count[anew], changed[anew] = luma[anew], 1, 1
         reached = _reached(changed)
     return Still(
         mean=mean, count=count, changed=changed.view(np.bool_), touched=reached.view(np.bool_),
         away=away, lagging=lagging, restless=before.lagging & begin_anew,
-        begins_to_lag=begins_to_lag,
-        noise_stays=noise_stays, is_coded=is_coded, is_drawn=is_drawn,
+        begins_to_lag=begins_to_lag, noise_stays=noise_stays,
     )  # fmt: skip
 
 

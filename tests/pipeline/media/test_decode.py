@@ -398,20 +398,6 @@ def test_what_is_passed_and_nothing_refers_to_is_not_decoded(tmp_path):
     reader.close()
 
 
-@pytest.mark.parametrize(
-    ("codec", "is_coded"),
-    [("libx264", True), ("libx265", True), ("ffv1", False), ("prores_ks", False)],
-)
-def test_codecs_that_make_frames_of_others_and_leave_something_out_are_told(
-    tmp_path, codec, is_coded
-):
-    pixel_format = "yuv422p10le" if codec == "prores_ks" else "yuv420p"
-    path = write_video(tmp_path / "a.mkv", codec=codec, pixel_format=pixel_format, frames=3)
-    reader = VideoReader(path)
-    assert reader.is_coded == is_coded
-    reader.close()
-
-
 def test_a_frame_that_was_passed_may_be_asked_for(tmp_path):
     path = write_video(tmp_path / "a.mkv", options={"crf": "6", "g": "1000", "bf": "3"})
     reader, other = VideoReader(path), VideoReader(path)

@@ -327,7 +327,7 @@ def test_frames_that_a_codec_has_drawn_are_no_worse_than_cold(
         views = tuple(
             replace(view, luma=film[number]) for view, film in zip(still.views, films, strict=True)
         )
-        frame = replace(still, frame_index=number, views=views, is_coded=True)
+        frame = replace(still, frame_index=number, views=views)
         ours, other = warm.take(frame), cold.take(frame)
         for target, place in zip(TARGETS, scene.reference_views, strict=True):
             scores = [
@@ -362,7 +362,7 @@ def test_frames_that_a_codec_left_better_than_those_before_are_no_worse_than_col
         views = tuple(
             replace(view, luma=film[number]) for view, film in zip(still.views, films, strict=True)
         )
-        frame = replace(still, frame_index=number, views=views, is_coded=True)
+        frame = replace(still, frame_index=number, views=views)
         ours = chain.take(frame)
         if number < last - 1:
             continue
