@@ -2,6 +2,7 @@
 # make test    format, lint and tests, JOBS=2 files at once: what .ci/run runs
 # make bench   the benchmark table
 # make soak    2,000 frames: memory flat, quality steady (docs/soak.md); the service under load
+#              (docs/load.md); chains of frames where pictures change (docs/changes.md)
 # make quality the tables of quality; DEPTHSR_SCENES names the folder of the real scenes
 # make report everything that `depthsr evaluate all` measures, on the same scenes (docs/measured.md)
 # make learn   the learned filters anew, from photographs of scikit-image's package
@@ -41,6 +42,7 @@ bench: $(RUN)
 soak: $(RUN)
 	$(BIN)/python -m benchmarks.soak --write docs/soak.md
 	$(BIN)/python -m benchmarks.service --write docs/load.md
+	$(BIN)/python -m benchmarks.changes --write docs/changes.md
 
 quality: $(RUN)
 	$(BIN)/python -m benchmarks.quality

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pipeline.config import Settings
 from pipeline.frames import MultiViewFrame
 from pipeline.superresolve.memory import Memory
-from pipeline.temporal.alike import DOUBTED, MOST
+from pipeline.temporal.alike import DOUBTED, MOST, NOISY
 from pipeline.temporal.initial import BlockMatch
 from pipeline.temporal.lagging import has_few_tiles
 from pipeline.temporal.still import Still, first_seen
@@ -100,9 +100,11 @@ def continued(
     alike = memory.found_alike(frame, targets) if matches else None
     is_behind = alike is not None and alike.is_behind
     is_far = alike is not None and alike.is_far
-    if alike is not None and not is_behind and alike.way_on > 0:
-        part = 1.0 if is_far and memory.doubts > 0 else alike.way_on
-        averaged = memory.seen.moved_on_to(frame, part)
+    if alike is not None and not is_behind:
+        is_left = memory.doubts > 0 and (is_far or noise < NOISY)
+        part = 1.0 if is_left else alike.way_on
+        if part > 0:
+            averaged = memory.seen.moved_on_to(frame, part)
     if (
         matches
         and is_small

@@ -51,6 +51,10 @@ DOUBTED = 2
 """Frames after one in which much was behind, or that was restored as if the camera had moved, that
 begin from their means alone: a frame tells little of a mean of two or three."""
 
+NOISY = 1.0
+"""Noise below which these means are left for the frame: there is little to gain by them, grey
+levels."""
+
 LITTLE = 0.02
 """Part of the way to the frame up to which means are left where they are."""
 
