@@ -80,6 +80,9 @@ CORRECTED_FROM = 1.0
 """Noise from which landing points are corrected: with less of it, views differ by what no shift
 explains, grey levels."""
 
+WORTH = 0.2
+"""Share of a correction up to which it is not worth its time."""
+
 AROUND = 2.5
 """σ of the window over which detail is averaged, LR pixels."""
 
@@ -605,11 +608,12 @@ def fuse(
                 if agreeing[index] >= none:
                     continue
                 # what is possible is counted where it may matter
-                share = (none - agreeing[index] / _possible(view)) / (none - full)
-                if share > 0:
+                possible = _possible(view)
+                lacking, most = none * possible - agreeing[index], (none - full) * possible
+                if lacking > WORTH * most:
                     points[index] = realigned(
                         coefficients, points[index], view.observed, noise, grid,
-                        rounds=tuning.corrections, share=min(share, 1.0),
+                        rounds=tuning.corrections, share=min(lacking / most, 1.0),
                     )  # fmt: skip
                     np.copyto(flags[index], view.flags)
                     is_corrected[index] = True
