@@ -17,7 +17,7 @@ from pipeline.registration.register import Previous
 from pipeline.superresolve.follow import Shown
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.superresolve.seen import Seen
-from pipeline.temporal.alike import Alike, Looked, differences_alike
+from pipeline.temporal.alike import ASKED, Alike, Looked, differences_alike
 from pipeline.temporal.flow import Flow
 from pipeline.temporal.initial import BlockMatch, match_blocks
 from pipeline.temporal.moving import has_moved
@@ -147,17 +147,21 @@ class Memory:
             return None
         registrations, still = self.previous.registrations, self.seen.still
         lumas = {view.view_id: view.luma for view in frame.views}
+        place = {name: number for number, name in enumerate(lumas)}
 
         def look(target: str) -> npt.NDArray[np.float64]:
+            known = {one.registered.view_id: one for one in registrations.get(target, ())}
+            names = sorted(
+                (known.keys() & lumas.keys() & still.keys()) - {target},
+                key=lambda name: (abs(place[name] - place[target]), place[name]),
+            )
             others = [
                 Looked(
                     luma=lumas[name], mean=still[name].mean, touched=still[name].touched,
-                    position=one.registered.position, flags=one.registered.flags,
-                    offset=one.offset,
+                    position=known[name].registered.position, flags=known[name].registered.flags,
+                    offset=known[name].offset,
                 )
-                for one in registrations.get(target, ())
-                for name in (one.registered.view_id,)
-                if name in lumas and name in still and not one.registered.is_reference
+                for name in names[:ASKED]
             ]  # fmt: skip
             own = still[target]
             return differences_alike(lumas[target], own.mean, own.touched, others)

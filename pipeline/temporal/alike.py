@@ -28,6 +28,9 @@ from pipeline.temporal.lagging import tile_of, tiles_of
 LOOKED_AT = 1 << 13
 """Pixels of a view that are looked at, about; all of a smaller one."""
 
+ASKED = 3
+"""Other views that are asked, the nearest of them."""
+
 SHARED = (0.025, 0.04)
 """Correlation from which a tile is behind, and what is added to it for each time that the mean is
 better than the frame by the power of what they differ by: then less of a lag is lost."""
