@@ -252,8 +252,8 @@ def _rendered(case: Case) -> tuple[list[MultiViewFrame], list[list[GreyImage]]]:
         shown = [[change.picture(*pair, number) for pair in both] for number in numbers]
         frames = [replace(scene.frame(0), frame_index=number) for number in numbers]
     chance = np.random.default_rng(3 + case.seed)
-    seen = [[_seen(scene.observe(picture), chance) for picture in views] for views in shown]
-    films = [_filmed(film, case.crf) for film in zip(*seen, strict=True)]
+    taken = [[seen(scene.observe(picture), chance) for picture in views] for views in shown]
+    films = [filmed(film, case.crf) for film in zip(*taken, strict=True)]
     observed = [
         replace(
             frame,
@@ -272,13 +272,14 @@ def _grey(scene: SampleScene, at: float = 0.0) -> list[GreyImage]:
     return [cv2.cvtColor(one, cv2.COLOR_RGB2GRAY).astype(np.float32) for one in pictures]
 
 
-def _seen(picture: npt.NDArray[Any], chance: np.random.Generator) -> npt.NDArray[np.uint8]:
+def seen(picture: npt.NDArray[Any], chance: np.random.Generator) -> npt.NDArray[np.uint8]:
+    """Return a picture of (H, W) grey levels with a camera's noise."""
     noisy = picture + chance.normal(0, NOISE, picture.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def _filmed(film: Sequence[npt.NDArray[np.uint8]], crf: int | None) -> list[GreyImage]:
-    """Return what is left of a view's pictures in H.264, or the pictures as they are."""
+def filmed(film: Iterable[npt.NDArray[np.uint8]], crf: int | None) -> list[GreyImage]:
+    """Return what is left of a view's pictures in H.264; with None the pictures as they are."""
     if crf is None:
         return [picture.astype(np.float32) for picture in film]
     with tempfile.TemporaryDirectory(prefix="depthsr-bench-") as folder:

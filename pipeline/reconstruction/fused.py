@@ -604,16 +604,12 @@ def fuse(
         def weigh_and_correct(some: tuple[int, int]) -> None:
             weigh(some, lands=bool(positions))
             for index in range(*some) if is_correctable else ():
-                view, (none, full) = registered[index], tuning.agreeing
-                if agreeing[index] >= none:
-                    continue
-                # what is possible is counted where it may matter
-                possible = _possible(view)
-                lacking, most = none * possible - agreeing[index], (none - full) * possible
-                if lacking > WORTH * most:
+                view = registered[index]
+                share = _share_corrected(agreeing[index], view, tuning)
+                if share > 0:
                     points[index] = realigned(
                         coefficients, points[index], view.observed, noise, grid,
-                        rounds=tuning.corrections, share=min(lacking / most, 1.0),
+                        rounds=tuning.corrections, share=share,
                     )  # fmt: skip
                     np.copyto(flags[index], view.flags)
                     is_corrected[index] = True
@@ -643,6 +639,16 @@ def fuse(
         stop_reason=stop_reason,
         phases=phases,
     )
+
+
+def _share_corrected(agreeing: float, view: RegisteredView | CutView, tuning: FusedTuning) -> float:
+    """Return how much of a view's correction is made, 0..1, by the mean of its weights."""
+    none, full = tuning.agreeing
+    if agreeing >= none:
+        return 0.0  # whatever is possible, which takes time to count
+    possible = _possible(view)
+    lacking, most = none * possible - agreeing, (none - full) * possible
+    return min(lacking / most, 1.0) if lacking > WORTH * most else 0.0
 
 
 def _possible(view: RegisteredView | CutView) -> float:

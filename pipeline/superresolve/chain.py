@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pipeline.config import Settings
 from pipeline.frames import MultiViewFrame
 from pipeline.superresolve.memory import Memory
-from pipeline.temporal.alike import DOUBTED, MOST, NOISY
+from pipeline.temporal.alike import DOUBTED, MOST, NOISY, NOTHING_ASKED
 from pipeline.temporal.initial import BlockMatch
 from pipeline.temporal.lagging import has_few_tiles
 from pipeline.temporal.still import Still, first_seen
@@ -97,11 +97,9 @@ def continued(
         memory.move()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
     averaged = memory.seen.averaged(frame, noise)
-    alike = memory.found_alike(frame, targets) if matches else None
-    is_behind = alike is not None and alike.is_behind
-    is_far = alike is not None and alike.is_far
-    if alike is not None and not is_behind:
-        is_left = memory.doubts > 0 and (is_far or noise < NOISY)
+    alike = memory.found_alike(frame, targets) if matches else NOTHING_ASKED
+    if matches and not alike.is_behind:
+        is_left = memory.doubts > 0 and (alike.is_far or noise < NOISY)
         part = 1.0 if is_left else alike.way_on
         if part > 0:
             averaged = memory.seen.moved_on_to(frame, part)
@@ -110,7 +108,7 @@ def continued(
         and is_small
         and (
             drifts
-            or is_behind
+            or alike.is_behind
             or memory.seen.lags(targets)
             or _changes_in_place(memory, matches, IN_PLACE_OF_FEW)
         )
@@ -119,15 +117,13 @@ def continued(
         memory.begin_apart()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
         averaged = frame
-    elif (alike is not None and alike.share_behind > MOST) or (
-        matches and memory.seen.lags_all_over(targets)
-    ):
+    elif alike.share_behind > MOST or (matches and memory.seen.lags_all_over(targets)):
         has_moved = True
         memory.move()
         matches, noise = {}, memory.seen.noise(frame, settings, sources)
         averaged = memory.seen.averaged(frame, noise)
     if matches and (
-        is_behind
+        alike.is_behind
         or _changes_in_place(memory, matches, IN_PLACE)
         or _changes_mostly(memory, matches)
     ):
@@ -140,9 +136,9 @@ def continued(
         matches, noise = {}, memory.seen.noise_anew(frame, settings, sources)
         memory.stand_again()
         memory.lag()
-    elif matches and (memory.doubts > 0 or (is_small and is_far)):
+    elif matches and (memory.doubts > 0 or (is_small and alike.is_far)):
         matches, noise = {}, memory.seen.noise_anew(frame, settings, sources)
-    began = is_behind or (has_moved and not begins_apart)
+    began = alike.is_behind or (has_moved and not begins_apart)
     memory.doubts = DOUBTED if began else max(memory.doubts - 1, 0)
     if averaged is frame:
         still = {target: first_seen(frame.view(target).luma) for target in targets}

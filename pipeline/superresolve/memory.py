@@ -17,7 +17,7 @@ from pipeline.registration.register import Previous
 from pipeline.superresolve.follow import Shown
 from pipeline.superresolve.registered import RegisteredFrame
 from pipeline.superresolve.seen import Seen
-from pipeline.temporal.alike import ASKED, Alike, Looked, differences_alike
+from pipeline.temporal.alike import ASKED, NOTHING_ASKED, Alike, Looked, differences_alike
 from pipeline.temporal.flow import Flow
 from pipeline.temporal.initial import BlockMatch, match_blocks
 from pipeline.temporal.moving import has_moved
@@ -141,10 +141,10 @@ class Memory:
         }
         return None if self.previous is None else replace(self.previous, lagging=lagging)
 
-    def found_alike(self, frame: MultiViewFrame, targets: Sequence[str]) -> Alike | None:
-        """Return what the views of a frame just averaged tell of its means; None: nothing."""
+    def found_alike(self, frame: MultiViewFrame, targets: Sequence[str]) -> Alike:
+        """Return what the views of a frame just averaged tell of its means."""
         if self.previous is None:
-            return None
+            return NOTHING_ASKED
         registrations, still = self.previous.registrations, self.seen.still
         lumas = {view.view_id: view.luma for view in frame.views}
         place = {name: number for number, name in enumerate(lumas)}

@@ -37,6 +37,7 @@ from pipeline.superresolve.follow import Following, followable, leaders_of
 from pipeline.superresolve.memory import Memory
 from pipeline.superresolve.reconstruct import colour_of
 from pipeline.superresolve.stages import Stages
+from pipeline.temporal.alike import NOTHING_ASKED
 from pipeline.threads import map_threads, set_threads, stoppable
 
 CHANGED = replace(
@@ -142,16 +143,15 @@ def swift_frame(
         averaged = memory.seen.averaged(frame, noise)
         shares = [memory.seen.still[target].share_touched for target in targets]
         lags = memory.seen.lags(targets) or (not is_held and memory.seen.begins_to_lag(targets))
-        alike = None if is_held else memory.found_alike(frame, targets)
-        is_behind = alike is not None and alike.is_behind
-        if alike is not None and not is_behind and alike.way_on > 0:
+        alike = NOTHING_ASKED if is_held else memory.found_alike(frame, targets)
+        if not alike.is_behind and alike.way_on > 0:
             averaged = memory.seen.moved_on_to(frame, alike.way_on)
         if (
             memory.seen.is_quieter
             or drifts
             or jumps
             or lags
-            or is_behind
+            or alike.is_behind
             or max(shares) > MUCH_CHANGED
         ):
             memory.seen = before

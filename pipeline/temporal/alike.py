@@ -159,6 +159,10 @@ class Alike:
         return bool(self.way_on > FAR[0] and nearer > FAR[1] * count)
 
 
+NOTHING_ASKED = Alike(np.zeros((NUM_SUMS, 1, 1)))
+"""What views tell that nobody has asked: nothing is behind."""
+
+
 @njit(**OPTIONS)
 def _add_up(
     luma, mean, touched, other, mean_there, touched_there, position, flags, offset, step, sums

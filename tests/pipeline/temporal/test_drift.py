@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.changes import filmed
 from pipeline.config import Settings
 from pipeline.frames import MultiViewFrame, View
 from pipeline.noise import estimate_noise
@@ -20,7 +21,7 @@ from pipeline.temporal.drift import (
     goes_on_changing,
     share_noise,
 )
-from tests.pipeline.temporal.coded import coded, noisy
+from tests.pipeline.temporal.noisy import noisy
 
 NOISE = 2.0
 HEIGHT, WIDTH = 120, 160
@@ -65,27 +66,26 @@ def test_what_changes_all_over_is_noticed(kind, noise):
     assert goes_on_changing(_details(DRIFTS[kind], KEPT + 2, noise), noise)
 
 
-def _found_through_a_codec(path, shown, quality):
+def _found_through_a_codec(shown, quality):
     """Return frame by frame whether the picture goes on changing."""
     details, found = [], []
-    for luma in coded(path, noisy(shown(number) for number in range(18)), quality):
+    for luma in filmed(noisy(shown(number) for number in range(18)), quality):
         details.append(detail_of(luma))
         found.append(goes_on_changing(details, estimate_noise(luma)))
     return found
 
 
 @pytest.mark.parametrize("quality", [18, 23])
-def test_what_a_codec_leaves_of_noise_is_no_drift(tmp_path, quality):
+def test_what_a_codec_leaves_of_noise_is_no_drift(quality):
     """It stays for some frames, and changes as slowly as what drifts: at first it is coarser."""
-    found = _found_through_a_codec(tmp_path / "film.mkv", lambda _: GROUND, quality)
+    found = _found_through_a_codec(lambda _: GROUND, quality)
     assert sum(found[:6]) <= 2
     assert not any(found[6:])
 
 
 @pytest.mark.parametrize("quality", [18, 23])
-def test_a_drift_is_noticed_through_a_codec(tmp_path, quality):
-    film = tmp_path / "film.mkv"
-    found = _found_through_a_codec(film, lambda number: _shifted(0.15 * number), quality)
+def test_a_drift_is_noticed_through_a_codec(quality):
+    found = _found_through_a_codec(lambda number: _shifted(0.15 * number), quality)
     assert all(found[5:])
 
 
@@ -93,11 +93,10 @@ def test_a_drift_is_noticed_through_a_codec(tmp_path, quality):
 @pytest.mark.parametrize(
     "blur", [lambda number: 0.05 * (number + 1), lambda number: 1 - 0.05 * number]
 )
-def test_a_slow_pull_of_the_focus_is_noticed_through_a_codec(tmp_path, blur, quality):
+def test_a_slow_pull_of_the_focus_is_noticed_through_a_codec(blur, quality):
     """The finest goes on changing with it, as a codec's noise does; contrast tells."""
-    film = tmp_path / "film.mkv"
     found = _found_through_a_codec(
-        film, lambda number: cv2.GaussianBlur(FINE, (0, 0), blur(number)), quality
+        lambda number: cv2.GaussianBlur(FINE, (0, 0), blur(number)), quality
     )
     assert sum(found[8:]) >= 8
 
@@ -111,9 +110,9 @@ def test_a_slow_pull_of_the_focus_is_noticed_through_a_codec(tmp_path, blur, qua
         lambda number: FINE - 0.3 * number,
     ],
 )
-def test_slow_light_through_a_codec_is_no_drift(tmp_path, light, quality):
+def test_slow_light_through_a_codec_is_no_drift(light, quality):
     """A gain changes contrast, too, but as much as light."""
-    found = _found_through_a_codec(tmp_path / "film.mkv", light, quality)
+    found = _found_through_a_codec(light, quality)
     assert not any(found[6:])
 
 
@@ -199,10 +198,10 @@ def test_frames_without_noise_share_none():
 
 @pytest.mark.parametrize("quality", [18, 23])
 @pytest.mark.parametrize("pixels", [0.0, 0.06])
-def test_the_first_frames_that_a_codec_leaves_share_their_noise(tmp_path, pixels, quality):
+def test_the_first_frames_that_a_codec_leaves_share_their_noise(pixels, quality):
     """Its first one has most bits, and what follows repeats most of it."""
     shown = noisy(_shifted(pixels * number, SEEN) for number in range(FIRST))
-    film = list(coded(tmp_path / "film.mkv", shown, quality))
+    film = filmed(shown, quality)
     details = [detail_of(luma) for luma in film]
     for last in range(2, FIRST + 1):
         assert share_noise(details[:last], estimate_noise(film[last - 1]))

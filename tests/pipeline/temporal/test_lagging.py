@@ -6,10 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.changes import filmed
 from pipeline.noise import estimate_noise
 from pipeline.temporal.lagging import TILE, has_few_tiles, much_lags, tile_pixels, tiles_of
 from pipeline.temporal.still import first_seen, seen_again
-from tests.pipeline.temporal.coded import coded, noisy
+from tests.pipeline.temporal.noisy import noisy
 
 HEIGHT, WIDTH = 200, 300
 PART = 100
@@ -134,10 +135,10 @@ def test_every_pixel_lies_in_a_tile():
 
 
 @pytest.mark.parametrize("quality", [8, 18, 23])
-def test_what_a_codec_leaves_of_noise_does_not_lag(tmp_path, quality):
+def test_what_a_codec_leaves_of_noise_does_not_lag(quality):
     """It stays from frame to frame, where what is coded stands still."""
     still = None
-    for luma in coded(tmp_path / "film.mkv", noisy(GROUND for _ in range(16)), quality):
+    for luma in filmed(noisy(GROUND for _ in range(16)), quality):
         noise = estimate_noise(luma)
         still = first_seen(luma) if still is None else seen_again(luma, still, noise)
         assert not still.lagging.any()
@@ -145,10 +146,10 @@ def test_what_a_codec_leaves_of_noise_does_not_lag(tmp_path, quality):
 
 
 @pytest.mark.parametrize("quality", [18, 23])
-def test_what_lags_is_noticed_through_a_codec(tmp_path, quality):
+def test_what_lags_is_noticed_through_a_codec(quality):
     still, seen = None, np.zeros(tiles_of(GROUND.shape), bool)
     shown = noisy(_dissolved_in_part(number) for number in range(12))
-    for luma in coded(tmp_path / "film.mkv", shown, quality):
+    for luma in filmed(shown, quality):
         noise = estimate_noise(luma)
         still = first_seen(luma) if still is None else seen_again(luma, still, noise)
         seen |= still.lagging

@@ -17,7 +17,7 @@ from pipeline.metrics import psnr
 from pipeline.superresolve import Memory, reconstruct_frame, register_frame
 from pipeline.synthetic import SampleScene
 from pipeline.worker import Worker
-from tests.pipeline.temporal.coded import coded, noisy
+from tests.pipeline.temporal.noisy import noisy
 
 NOISE = 2.0
 SCENE = SampleScene(width=128, height=96, num_views=4)
@@ -305,7 +305,7 @@ def _half_gone(picture, other, number):
     ],
 )
 def test_frames_that_a_codec_has_drawn_are_no_worse_than_cold(
-    tmp_path, changed, num_frames, width, quality, noise
+    changed, num_frames, width, quality, noise
 ):
     scene = replace(SCENE, width=width, height=width * 3 // 4)
     still = scene.frame(0)
@@ -318,7 +318,7 @@ def test_frames_that_a_codec_has_drawn_are_no_worse_than_cold(
         for number in range(num_frames)
     ]
     films = [
-        list(coded(tmp_path / f"{place}.mkv", noisy(map(scene.observe, film), place), quality))
+        changes.filmed(noisy(map(scene.observe, film), place), quality)
         for place, film in enumerate(zip(*shown, strict=True))
     ]
     settings = [replace(_settings(kind), noise_sigma=noise) for kind in ("warm", "cold")]
@@ -337,9 +337,7 @@ def test_frames_that_a_codec_has_drawn_are_no_worse_than_cold(
 
 
 @pytest.mark.parametrize("temporal", ["swift", "warm"])
-def test_frames_that_a_codec_left_better_than_those_before_are_no_worse_than_cold(
-    tmp_path, temporal
-):
+def test_frames_that_a_codec_left_better_than_those_before_are_no_worse_than_cold(temporal):
     """Nothing changes, but what was kept of poorer frames is behind their mean."""
     still, last = SCENE.frame(0), 10
     truth = [
@@ -347,13 +345,7 @@ def test_frames_that_a_codec_left_better_than_those_before_are_no_worse_than_col
         for picture in SCENE.render_all(0.0)
     ]
     films = [
-        list(
-            coded(
-                tmp_path / f"{place}.mkv",
-                noisy((SCENE.observe(picture) for _ in range(last + 1)), seed=place),
-                quality=23,
-            )
-        )
+        changes.filmed(noisy((SCENE.observe(picture) for _ in range(last + 1)), place), 23)
         for place, picture in enumerate(truth)
     ]
     settings = [replace(_settings(kind), noise_sigma=None) for kind in (temporal, "cold")]
